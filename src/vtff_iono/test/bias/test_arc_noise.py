@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from vtff_iono.bias.arc_noise import ArcNoise, ArcOrder, estimate_noise, whiten
+from vtff_iono.bias.arc_noise import ArcNoise, ArcOrder, Whitening, estimate_noise
 
 GENERATOR = np.random.default_rng(4)
 ARCS, LENGTH, STEP = 20, 60, 20.0
@@ -34,7 +34,7 @@ def test_whitened_products_are_those_with_the_inverse_covariance(noise):
     arc, time, mapping = rows()
     weight = GENERATOR.uniform(0.1, 1.0, len(arc))
     columns = GENERATOR.standard_normal((len(arc), 3))
-    found = whiten(columns, ArcOrder.of(arc, time, mapping), noise, weight)
+    found = Whitening.of(ArcOrder.of(arc, time, mapping), noise, weight).whiten(columns)
     matrix = covariance(arc, time, mapping, noise, weight)
     assert found.T @ found == pytest.approx(columns.T @ np.linalg.solve(matrix, columns), rel=1e-9)
 

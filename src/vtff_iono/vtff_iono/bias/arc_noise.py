@@ -9,8 +9,8 @@ the noise is slow. The model of an arc is
     y_k = h_k s_k + e_k,    h_k = slow * (slant over vertical content) ** power,
 
 with white e_k and a first-order Markov process s_k of variance one, independent from arc to arc. A
-Kalman filter of s_k, with known h_k, makes samples independent of each other (`whiten`), and tells
-how likely the residuals are. The four parameters are the most likely ones (`estimate_noise`).
+Kalman filter of s_k, with known h_k, makes samples independent of each other (`Whitening`), and
+tells how likely the residuals are. The four parameters are the most likely ones (`estimate_noise`).
 
 References
 ----------
@@ -30,7 +30,7 @@ import numpy.typing as npt
 from vtff_dynamics.compiled import compiled
 from vtff_dynamics.vectors import FloatArray
 
-__all__ = ["ArcNoise", "ArcOrder", "compile_kernels", "estimate_noise", "whiten"]
+__all__ = ["ArcNoise", "ArcOrder", "Whitening", "compile_kernels", "estimate_noise"]
 
 # Candidates of the search: ratio of slow and white noise, time of the slow one, s, and the power of
 # the mapping.
@@ -88,31 +88,46 @@ class ArcOrder(NamedTuple):
         return cls(rows, step, mapping[rows])
 
 
-def whiten(columns: FloatArray, order: ArcOrder, noise: ArcNoise, weight: FloatArray) -> FloatArray:
-    """Return columns (n, m) of samples as those of independent samples of variance one, (n, m).
+class Whitening(NamedTuple):
+    """The filter that makes samples with a noise independent of each other, of variance one.
 
-    Parameters
+    Attributes
     ----------
-    columns : ndarray, shape (n, m)
-    order : ArcOrder
-    noise : ArcNoise
-    weight : ndarray, shape (n,)
-        By how much the white noise of a sample counts less: its variance is divided by it.
+    rows : ndarray of int, shape (n,)
+        Samples in the order in which they are filtered.
+    gain, decay, scale, response : ndarray, shape (n,)
+        Gains and decays of the filter, one over the sigmas of innovations, and h.
     """
-    gain, scale, response = _filter_gains(order, noise, weight)
-    result = np.empty(columns.shape)
-    result[order.rows] = _innovations(columns[order.rows], *gain, scale, response)
-    return result
 
+    rows: npt.NDArray[np.intp]
+    gain: FloatArray
+    decay: FloatArray
+    scale: FloatArray
+    response: FloatArray
 
-def _filter_gains(
-    order: ArcOrder, noise: ArcNoise, weight: FloatArray
-) -> tuple[tuple[FloatArray, FloatArray], FloatArray, FloatArray]:
-    """Return gains and decays of the filter, one over the sigmas of innovations, and h; (n,)."""
-    response = noise.slow * order.mapping**noise.power
-    decay = np.exp(-order.step / noise.time)
-    gain, scale = _gains(response, decay, noise.white**2 / weight[order.rows])
-    return (gain, decay), scale, response
+    @classmethod
+    def of(cls, order: ArcOrder, noise: ArcNoise, weight: FloatArray) -> Whitening:
+        """Return the filter of samples.
+
+        Parameters
+        ----------
+        order : ArcOrder
+        noise : ArcNoise
+        weight : ndarray, shape (n,)
+            By how much the white noise of a sample counts less: its variance is divided by it.
+        """
+        response = noise.slow * order.mapping**noise.power
+        decay = np.exp(-order.step / noise.time)
+        gain, scale = _gains(response, decay, noise.white**2 / weight[order.rows])
+        return cls(order.rows, gain, decay, scale, response)
+
+    def whiten(self, columns: FloatArray) -> FloatArray:
+        """Return columns (n, m) of samples as those of independent samples, (n, m)."""
+        result = np.empty(columns.shape)
+        result[self.rows] = _innovations(
+            columns[self.rows], self.gain, self.decay, self.scale, self.response
+        )
+        return result
 
 
 def estimate_noise(
@@ -127,7 +142,7 @@ def estimate_noise(
         constant or proportional to the mapping says nothing.
     order : ArcOrder
     weight : ndarray, shape (n,)
-        As in `whiten`.
+        As in `Whitening.of`.
     near : ArcNoise, optional
         The noise of nearly the same residuals, around which is searched; by default everywhere.
     """
@@ -251,4 +266,4 @@ def compile_kernels() -> None:
     """Compile the filter, which takes a second without a cache."""
     order = ArcOrder.of(np.zeros(1, dtype=np.int64), np.zeros(1), np.ones(1))
     noise = estimate_noise(np.zeros(1), order, np.ones(1))
-    whiten(np.zeros((1, 1)), order, noise, np.ones(1))
+    Whitening.of(order, noise, np.ones(1)).whiten(np.zeros((1, 1)))

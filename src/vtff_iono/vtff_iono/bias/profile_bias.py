@@ -67,7 +67,7 @@ from vtff_iono.bias.altitude_shells import (
     shell_paths,
     vertical_paths,
 )
-from vtff_iono.bias.arc_noise import ArcNoise, ArcOrder, estimate_noise, whiten
+from vtff_iono.bias.arc_noise import ArcNoise, ArcOrder, Whitening, estimate_noise
 from vtff_iono.bias.bias_samples import DECIMALS_TECU, BiasSamples
 from vtff_iono.bias.expected_contents import (
     GRADIENT_UNIT,
@@ -197,7 +197,8 @@ class ProfileBiases:
         What the samples of an arc are larger by than its contents and their wind-up, mean of the
         models, and the sigma of its last content, which contains their spread, TECU.
     wind_up : float
-        What phases have of the wind-up of the samples: 1 of a receiver, 0 where it is left out.
+        Part of the wind-up of the samples that the phases contain: 1 of a receiver, 0 where a
+        simulator leaves it out.
     contents : ExpectedContents
         Contents of rays of other arcs.
     links : int
@@ -315,23 +316,26 @@ def _solve(
         log_density = before.log_density(shell_middles(problem.edges))
         sigmas = first_sigmas = before.sigmas
         noise = before.noise
-    normal = problem.normal(problem.effect_columns(log_density), noise, weight)
+    whitened = problem.whitened(noise, weight)
+    normal = problem.normal(problem.effect_columns(log_density), whitened)
     solution = problem.solve(normal, _MODELS[0][0], first_sigmas, log_density)
     for iteration in range(_NORMAL_ITERATIONS):
         columns = problem.effect_columns(solution.log_density)
         residual = problem.residual(solution, columns)
         near = noise if iteration else None
         previous, noise = noise, estimate_noise(residual, problem.order, weight, near)
-        independent = problem.whiten(residual[:, np.newaxis], noise, np.ones(len(residual)))[:, 0]
+        alike = Whitening.of(problem.order, noise, np.ones(len(residual)))
+        independent = alike.whiten(residual[:, np.newaxis])[:, 0]
         weight = np.minimum(1.0, _HUBER / np.maximum(np.abs(independent), _SMALLEST_RESIDUAL))
-        normal = problem.normal(columns, noise, weight)
+        whitened = problem.whitened(noise, weight)
+        normal = problem.normal(columns, whitened)
         solution, sigmas = _estimate_sigmas(problem, normal, solution, sigmas)
         if _change(noise, previous) < _NOISE_CONVERGED:
             break
     models = []
     for topside, shell in _MODELS:
         columns = problem.effect_columns(solution.log_density, shell)
-        normal = problem.normal(columns, noise, weight)
+        normal = problem.normal(columns, whitened)
         solution = problem.solve(normal, topside, sigmas, solution.log_density)
         models.append(solution)
     of_models = np.array([problem.offsets(model) for model in models])
@@ -386,6 +390,27 @@ class _EffectColumns(NamedTuple):
 
     common: FloatArray
     single: sparse.csr_matrix
+
+
+class _WhitenedSamples(NamedTuple):
+    """Samples with a noise, as independent samples of variance one: what all effects share.
+
+    Attributes
+    ----------
+    whitening : Whitening
+    stec : ndarray, shape (n,)
+        Contents.
+    paths : ndarray, shape (n, shells)
+        Paths through the shells.
+    density, density_vector : ndarray, shapes (shells, shells) and (shells,)
+        The part of the densities in the normal equations.
+    """
+
+    whitening: Whitening
+    stec: FloatArray
+    paths: FloatArray
+    density: FloatArray
+    density_vector: FloatArray
 
 
 class _Problem:
@@ -530,28 +555,28 @@ class _Problem:
         mean = at_knots.reshape(len(content), 6, -1).sum(axis=2)
         return _EffectColumns(np.hstack((at_knots, mean, self._wind_up[:, np.newaxis])), single)
 
-    def whiten(self, columns: FloatArray, noise: ArcNoise, weight: FloatArray) -> FloatArray:
-        """Return columns (n, m) of samples as those of independent samples of variance one."""
-        return whiten(columns, self.order, noise, weight)
+    def whitened(self, noise: ArcNoise, weight: FloatArray) -> _WhitenedSamples:
+        """Return the samples with a noise; `weight`, shape (n,), is that of `Whitening.of`."""
+        whitening = Whitening.of(self.order, noise, weight)
+        stec = whitening.whiten(self.stec[:, np.newaxis])[:, 0]
+        paths = whitening.whiten(self._paths)
+        return _WhitenedSamples(whitening, stec, paths, paths.T @ paths, paths.T @ stec)
 
-    def normal(
-        self, columns: _EffectColumns, noise: ArcNoise, weight: FloatArray
-    ) -> NormalEquations:
-        """Return the normal equations of samples with a noise; `weight` is that of `whiten`."""
-        stec = self.whiten(self.stec[:, np.newaxis], noise, weight)[:, 0]
-        paths = self.whiten(self._paths, noise, weight)
-        common = self.whiten(columns.common, noise, weight)
+    def normal(self, columns: _EffectColumns, samples: _WhitenedSamples) -> NormalEquations:
+        """Return the normal equations of samples for columns of their effects."""
+        whiten, stec, paths = samples.whitening.whiten, samples.stec, samples.paths
+        common = whiten(columns.common)
         # All samples of an arc have their elements in the same columns.
         single = columns.single.copy()
-        single.data = self.whiten(single.data.reshape(len(stec), -1), noise, weight).ravel()
+        single.data = whiten(single.data.reshape(len(stec), -1)).ravel()
         mixed = single.T @ common
         return NormalEquations(
-            density=paths.T @ paths,
+            density=samples.density,
             effects=np.block(
                 [[common.T @ common, mixed.T], [mixed, (single.T @ single).toarray()]]
             ),
             mixed=np.vstack((common.T @ paths, single.T @ paths)),
-            density_vector=paths.T @ stec,
+            density_vector=samples.density_vector,
             effects_vector=np.concatenate((common.T @ stec, single.T @ stec)),
         )
 
