@@ -50,7 +50,7 @@ class BiasSamples:
     satellite_sigma_tecu : ndarray, optional
         Contribution of the satellite bias to `stec_sigma_tecu`, TECU; zero where not given.
     wind_up_tecu : ndarray, optional
-        What the wind-up of the phases since the arc began looks like, TECU
+        Content that the wind-up of the phases since the arc began looks like, TECU
         (`vtff_iono.geometry.wind_up`); it is not removed. Zero where not given.
     """
 

@@ -46,7 +46,7 @@ _LEAST_PROBABILITY = 1e-15
 
 
 class ConstantVerdict(NamedTuple):
-    """What a second of contents tells of the constant.
+    """The verdict of a second of contents on the constant.
 
     Attributes
     ----------
@@ -139,7 +139,7 @@ class ConstantCheck:
         time : float
             s.
         altitudes : tuple of float
-            Those of chief and deputy, m.
+            Altitudes of chief and deputy, m.
         elevation_chief, elevation_deputy, differential_stec_tecu, sigma_tecu : ndarray, shape (n,)
             As in `ElectronDensityEstimator.update`; NaN for a link that is not used.
         satellite : sequence of int, length n

@@ -179,7 +179,7 @@ def side_sigmas(
     Parameters
     ----------
     rows : sequence of ndarray, shape (2, k)
-        What `SlowBasis.remove` leaves of each satellite, in units of its sigma.
+        Residuals of each satellite after `SlowBasis.remove`, in units of its sigma.
     bases : sequence of SlowBasis
     samples : int
         Number of samples whose means are taken.

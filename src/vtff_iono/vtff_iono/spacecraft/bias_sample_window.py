@@ -103,7 +103,7 @@ class BiasSampleWindow:
             Unit vectors to the satellites, and positions of the antenna (m), of all observations
             that the rows refer to.
         wind_up_tecu : ndarray, shape (m,)
-            What the wind-up of each row since its arc began looks like, TECU.
+            Content that the wind-up of each row since its arc began looks like, TECU.
         """
         time = int(rows.pairs.time[first])
         stec = rows.stec_tecu[first:end]
