@@ -13,7 +13,7 @@ far a wide wall may be feigned by what is slow is thereby in its sigmas, and thi
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,8 +23,11 @@ from vtff_dynamics.vectors import FloatArray
 
 __all__ = [
     "MOST_MODES",
+    "ContentNoise",
     "SlowBasis",
+    "first_noise",
     "mode_variances",
+    "noise_of_residuals",
     "side_sigmas",
     "slow_basis",
     "white_sigma",
@@ -247,3 +250,101 @@ def mode_variances(coefficients: FloatArray, sigma: FloatArray) -> FloatArray:
         own = (_OF_ALL + np.nansum(ratio, axis=1)) / (_OF_ALL + known)
         result[:, column] = of_all * np.maximum(own, 1.0)[:, np.newaxis] - white
     return result
+
+
+@dataclass(frozen=True, eq=False)
+class ContentNoise:
+    """Noise of D and M of m satellites.
+
+    Parameters
+    ----------
+    slow : list of SlowBasis
+        Constants of the arcs and polynomials, with the relative size of white noise.
+    white : ndarray, shape (m, 2)
+        Sigmas of white noise, TECU.
+    modes : ndarray, shape (m, 2, MOST_MODES)
+        Variances of polynomials by degree, TECU^2.
+    """
+
+    slow: list[SlowBasis]
+    white: FloatArray
+    modes: FloatArray
+
+    @staticmethod
+    def only_white(slow: list[SlowBasis], white: FloatArray) -> ContentNoise:
+        """Return noise without slow parts."""
+        return ContentNoise(slow, white, np.zeros((*white.shape, MOST_MODES)))
+
+    def whiten(self, pairs: Iterable[FloatArray]) -> FloatArray:
+        """Return D and M of all satellites, each of shape (2, k), in units of noise: (m,)."""
+        return np.concatenate(
+            [
+                slow.whiten(pair, white, modes).ravel()
+                for pair, slow, white, modes in zip(
+                    pairs, self.slow, self.white, self.modes, strict=True
+                )
+            ]
+        )
+
+
+def first_noise(
+    slow: list[SlowBasis], errors: list[FloatArray], samples: tuple[int, ...]
+) -> ContentNoise:
+    """Return the noise that residuals show, all of it as if it were white.
+
+    Residuals of a wall that is not yet in its place are no measure of what is slow.
+
+    Parameters
+    ----------
+    slow : list of SlowBasis
+        Slow functions of m satellites.
+    errors : list of ndarray, shape (2, k)
+        Residuals of D and M of each satellite, TECU.
+    samples : tuple of int
+        Numbers of samples whose means are taken.
+    """
+    one, none = np.ones(2), np.zeros((2, MOST_MODES))
+    white = [
+        white_sigma(basis.whiten(error, one, none), samples, basis.unknown_columns)
+        for basis, error in zip(slow, errors, strict=True)
+    ]
+    return ContentNoise.only_white(slow, np.array(white))
+
+
+def noise_of_residuals(
+    before: ContentNoise, errors: list[FloatArray], inside: list[FloatArray] | None, samples: int
+) -> ContentNoise:
+    """Return the noise that residuals show, even or on either side of a wall, and what is slow.
+
+    Parameters
+    ----------
+    before : ContentNoise
+        Noise of nearly the same residuals.
+    errors : list of ndarray, shape (2, k)
+        Residuals of D and M of each satellite, TECU.
+    inside : list of ndarray, shape (k,), or None
+        As in `side_sigmas`; None for noise that is even in time.
+    samples : int
+        Number of samples whose means are taken.
+    """
+    bases = before.slow
+    if inside is not None:
+        rows = [
+            basis.remove(error) / sigma[:, np.newaxis]
+            for basis, error, sigma in zip(bases, errors, before.white, strict=True)
+        ]
+        outer, inner = side_sigmas(rows, bases, samples, inside)[:, :, np.newaxis] ** 2
+        # The geometric mean of the sigmas of both sides is one.
+        middle = np.sqrt(outer * inner)
+        bases = [
+            basis.with_noise(np.sqrt((outer + (inner - outer) * part) / middle))
+            for basis, part in zip(bases, inside, strict=True)
+        ]
+    of_satellites = list(zip(bases, errors, strict=True))
+    white = [
+        white_sigma(basis.remove(error), (samples,), basis.columns)
+        for basis, error in of_satellites
+    ]
+    modes = [basis.modes(error) for basis, error in of_satellites]
+    sigma = np.array(white)
+    return ContentNoise(bases, sigma, mode_variances(np.array(modes), sigma))
