@@ -6,6 +6,7 @@ import dataclasses
 import json
 import os
 import pathlib
+import struct
 import time
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
@@ -22,6 +23,7 @@ from rclpy.timer import Timer
 
 from vtff_msgs.msg import StepDone
 from vtff_node import diagnostics, parameters, qos
+from vtff_node.conversions.message_bytes import MessageBytes, message_bytes
 from vtff_node.plugins.loading import Plugin, PluginError, PluginGroup, load_plugin
 from vtff_node.process.run_environment import PROGRESS_VARIABLE, RUN_DIRECTORY_VARIABLE
 from vtff_node.stamps import to_nanoseconds, to_stamp
@@ -72,10 +74,23 @@ class CountingPublisher(Publisher):
 
     published = 0
 
+    def __init__(self, publisher: Any, message_type: type, *arguments: Any, **options: Any) -> None:
+        super().__init__(publisher, message_type, *arguments, **options)
+        self._publish_bytes: Callable[[bytes], None] = publisher.publish_raw
+        self._conversion = message_bytes(message_type)
+
     def publish(self, msg: Any) -> None:
         """Publish a message or serialised bytes and count it."""
         self.published += 1
-        super().publish(msg)
+        if self._conversion is not None and type(msg) is self.msg_type:
+            try:
+                content = self._conversion.serialize(msg)
+            except struct.error:  # a number beyond the range of its field, which rclpy judges
+                super().publish(msg)
+            else:
+                self._publish_bytes(content)
+        else:
+            super().publish(msg)
 
 
 class VtffNode(Node):
@@ -184,8 +199,13 @@ class VtffNode(Node):
             Whether the node says that it waits for a publisher. Of a topic of the run itself,
             such as /clock, it does not.
         """
+        conversion = message_bytes(message_type)
         subscription = self.create_subscription(
-            message_type, topic, callback, qos.subscribe(self.lockstep or latched)
+            message_type,
+            topic,
+            callback if conversion is None else _taking_bytes(conversion, callback),
+            qos.subscribe(self.lockstep or latched),
+            raw=conversion is not None,
         )
         if required and subscription.topic_name not in RUN_TOPICS:
             self._required_topics.append(subscription.topic_name)
@@ -430,6 +450,17 @@ class VtffNode(Node):
             (folder / f"{name}.json").write_text(text, encoding="utf-8")
         except OSError as error:
             self.get_logger().error(f"the message counts cannot be written: {error}")
+
+
+def _taking_bytes(
+    conversion: MessageBytes, callback: Callable[[Any], None]
+) -> Callable[[Any], None]:
+    """Return a callback that takes a message as bytes, or as it is, and hands it on."""
+
+    def take(content: Any) -> None:
+        callback(conversion.deserialize(content) if isinstance(content, bytes) else content)
+
+    return take
 
 
 def _find_progress_descriptor() -> int | None:

@@ -1,0 +1,309 @@
+"""Messages to bytes and back by `struct`, instead of by the conversions that ROS generates.
+
+rclpy copies a message field by field into a structure of C, which the middleware then serialises;
+a message that comes takes the same way back, and each of its parts is made by a constructor in
+Python. That costs four times as much as what the middleware does with the bytes. Here all numbers
+of a message are packed in one call. The bytes are those of ROS, those of alignment are zero; a
+message that comes is an object of the same class as from rclpy.
+
+References
+----------
+OMG, Common Object Request Broker Architecture 3.4, part 2, section 9.3 (CDR: alignment to the size
+of a number, sequences and texts after a count of 4 bytes); OMG, DDSI-RTPS 2.5, section 10 (first
+4 bytes).
+"""
+
+from __future__ import annotations
+
+import array
+import functools
+import importlib
+import operator
+import re
+import struct
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from rclpy.serialization import deserialize_message
+
+__all__ = ["MessageBytes", "message_bytes"]
+
+_LITTLE_ENDIAN = b"\x00\x01\x00\x00"  # encapsulation of plain CDR
+_FORMATS = {
+    "boolean": "?",
+    "octet": "B",
+    "uint8": "B",
+    "int8": "b",
+    "uint16": "H",
+    "int16": "h",
+    "uint32": "I",
+    "int32": "i",
+    "uint64": "Q",
+    "int64": "q",
+    "float": "f",
+    "double": "d",
+}
+#: How rosidl declares a sequence and an array of numbers. Those of truth values and octets are
+#: lists in Python, and not converted here.
+_SEQUENCE = re.compile(r"^sequence<(?P<number>\w+)(?:, \d+)?>$")
+_ARRAY = re.compile(r"^(?P<number>\w+)\[(?P<length>\d+)\]$")
+_IN_LISTS = ("boolean", "octet")
+_COUNT = struct.Struct("<I")
+#: Layouts that are kept of a type, one for each combination of the lengths of its texts and
+#: sequences.
+_KEPT_LAYOUTS = 64
+
+
+class _Field(NamedTuple):
+    """A number, an array of fixed length, a sequence or a text of a message or of its parts."""
+
+    path: str
+    kind: str  # "number", "array", "sequence" or "text"
+    format: str
+    size: int  # of an element, bytes
+    length: int = 1  # elements of an array
+
+
+class MessageBytes:
+    """Conversion of the messages of one type; see `message_bytes`.
+
+    Parameters
+    ----------
+    message_type
+        Class of the messages.
+
+    Raises
+    ------
+    TypeError
+        If the type has a field that is no number, no text, no array of numbers and no message of
+        such fields.
+    """
+
+    def __init__(self, message_type: Any) -> None:
+        self._type = message_type
+        self._fields = tuple(_fields(message_type))
+        # Of what has a length, the length is a value of its own, before the content.
+        paths = [path for field in self._fields for path in [field.path] * _count_values(field)]
+        getter = operator.attrgetter(*paths)
+        self._read_values: Callable[[Any], tuple[Any, ...]] = (
+            getter if len(paths) > 1 else lambda message: (getter(message),)
+        )
+        self._texts: list[int] = []
+        self._sequences: list[int] = []
+        self._arrays: list[int] = []
+        index = 0
+        for field in self._fields:
+            index += _count_values(field)
+            indices = {"text": self._texts, "sequence": self._sequences, "array": self._arrays}
+            if field.kind in indices:
+                indices[field.kind].append(index - 1)
+        self._lengths = sorted(index - 1 for index in (*self._texts, *self._sequences))
+        self._structs: dict[tuple[int, ...], struct.Struct] = {}
+        self._structs_by_size: dict[int, tuple[struct.Struct, tuple[int, ...]]] = {}
+        self._build, _ = _builder(message_type, 1)
+
+    def serialize(self, message: Any) -> bytes:
+        """Return a message as `rclpy.serialization.serialize_message` does.
+
+        Raises
+        ------
+        struct.error
+            If a number does not fit its field.
+        """
+        values = list(self._read_values(message))
+        for index in self._texts:
+            content = values[index].encode() + b"\0"
+            values[index], values[index - 1] = content, len(content)
+        for index in self._sequences:
+            values[index - 1] = len(values[index])
+            values[index] = values[index].tobytes()
+        for index in self._arrays:
+            values[index] = values[index].tobytes()
+        lengths = tuple([values[index] for index in self._lengths])
+        layout = self._structs.get(lengths)
+        if layout is None:
+            layout = self._make_struct(lengths)
+            if len(self._structs) >= _KEPT_LAYOUTS:
+                self._structs.clear()
+            self._structs[lengths] = layout
+        return layout.pack(_LITTLE_ENDIAN, *values)
+
+    def deserialize(self, content: bytes) -> Any:
+        """Return the message of some bytes.
+
+        Raises
+        ------
+        Exception
+            As `rclpy.serialization.deserialize_message`, if they are no message of the type.
+        """
+        known = self._structs_by_size.get(len(content))
+        if known is not None:
+            layout, lengths = known
+            values = layout.unpack_from(content)
+            if values[0] == _LITTLE_ENDIAN and self._lengths_in(values) == lengths:
+                return self._build(values)
+        # A new size, the same size with texts of other lengths, or bytes of another machine.
+        found = self._find_struct(content)
+        if found is None:
+            return deserialize_message(content, self._type)
+        return self._build(found.unpack_from(content))
+
+    def _lengths_in(self, values: Sequence[Any]) -> tuple[int, ...]:
+        """Return the lengths of texts and sequences, which stand after the encapsulation."""
+        return tuple([values[index + 1] for index in self._lengths])
+
+    def _make_struct(self, lengths: tuple[int, ...]) -> struct.Struct:
+        """Return the layout for some lengths of texts and sequences, in the order of the fields.
+
+        With fewer lengths than there are it ends with the first one that is not known.
+        """
+        text, position = "<4s", 0
+        waiting = iter(lengths)
+
+        def add(kind: str, size: int, alignment: int) -> None:
+            # The first 4 bytes do not count for the alignment.
+            nonlocal text, position
+            padding = -position % alignment
+            text += f"{padding}x{kind}" if padding else kind
+            position += padding + size
+
+        for field in self._fields:
+            length = field.length
+            if _count_values(field) > 1:
+                add("I", _COUNT.size, _COUNT.size)
+                length = next(waiting, -1)
+                if length < 0:
+                    break
+            if field.kind == "number":
+                add(field.format, field.size, field.size)
+            else:
+                # Fast CDR does not align where nothing follows.
+                add(f"{length * field.size}s", length * field.size, field.size if length else 1)
+        return struct.Struct(text)
+
+    def _find_struct(self, content: bytes) -> struct.Struct | None:
+        """Return the layout of some bytes; None if only ROS can read them.
+
+        It is found length by length: where one stands depends on those before it.
+        """
+        if not content.startswith(_LITTLE_ENDIAN):
+            return None
+        lengths: tuple[int, ...] = ()
+        layout = self._make_struct(lengths)
+        while len(lengths) < len(self._lengths) and layout.size <= len(content):
+            lengths = (*lengths, layout.unpack_from(content)[-1])
+            layout = self._make_struct(lengths)
+        # What is there beyond the last field fills the message up.
+        if len(lengths) < len(self._lengths) or layout.size > len(content):
+            return None
+        if len(self._structs_by_size) >= _KEPT_LAYOUTS:
+            self._structs_by_size.clear()
+        self._structs_by_size[len(content)] = layout, lengths
+        return layout
+
+
+@functools.cache
+def message_bytes(message_type: Any) -> MessageBytes | None:
+    """Return the conversion of a type; None where only ROS can convert it."""
+    try:
+        return MessageBytes(message_type)
+    except TypeError:
+        return None
+
+
+def _fields(message_type: Any, prefix: str = "") -> Iterator[_Field]:
+    """Yield the fields of a type in order; a nested message is replaced by its own fields."""
+    for name, declared in message_type.get_fields_and_field_types().items():
+        # Attributes of the class with this name check what they are given, these do not.
+        path = f"{prefix}_{name}"
+        if part := _class_of(declared):
+            yield from _fields(part, f"{path}.")
+        elif declared == "string":
+            yield _Field(path, "text", "s", 1)
+        elif declared in _FORMATS:
+            yield _Field(path, "number", _FORMATS[declared], _size(declared))
+        else:
+            match = _SEQUENCE.match(declared) or _ARRAY.match(declared)
+            number = match["number"] if match else ""
+            if match is None or number not in _FORMATS or number in _IN_LISTS:
+                raise TypeError(f"field '{path}' of {message_type.__name__} is {declared}")
+            if match.re is _ARRAY:
+                length = int(match["length"])
+                yield _Field(path, "array", _FORMATS[number], _size(number), length)
+            else:
+                yield _Field(path, "sequence", _FORMATS[number], _size(number))
+
+
+def _class_of(declared: str) -> Any:
+    """Return the class of a nested message; None if something else is declared."""
+    package, separator, name = declared.partition("/")
+    if not separator or not name.isidentifier():
+        return None
+    return getattr(importlib.import_module(f"{package}.msg"), name)
+
+
+def _size(number: str) -> int:
+    return struct.calcsize(f"<{_FORMATS[number]}")
+
+
+def _count_values(field: _Field) -> int:
+    """Return how many values a field has in a layout."""
+    return 2 if field.kind in ("sequence", "text") else 1
+
+
+def _builder(message_type: Any, index: int) -> tuple[Callable[[Sequence[Any]], Any], int]:
+    """Return a function that makes a message of the values of a layout.
+
+    Parameters
+    ----------
+    message_type
+        Class of the message.
+    index
+        Of the first value of the message.
+
+    Returns
+    -------
+    builder : callable
+    index : int
+        Of the first value that follows.
+    """
+    parts: list[tuple[Callable[[Any, Any], None], Callable[[Sequence[Any]], Any]]] = []
+    numbers: list[tuple[Callable[[Any, Any], None], int]] = []
+    for name, declared in message_type.get_fields_and_field_types().items():
+        assign = getattr(message_type, f"_{name}").__set__
+        if part := _class_of(declared):
+            build_part, index = _builder(part, index)
+            parts.append((assign, build_part))
+            continue
+        (field,) = (field for field in _fields(message_type) if field.path == f"_{name}")
+        index += _count_values(field)
+        if field.kind == "number":
+            numbers.append((assign, index - 1))
+        else:
+            parts.append((assign, _content_builder(field, index - 1)))
+    # Without the constructor, which makes each part twice: as default and as what was given.
+    make = functools.partial(message_type.__new__, message_type)
+    checks = "_check_fields" in message_type.__slots__
+
+    def build(values: Sequence[Any]) -> Any:
+        message = make()
+        if checks:
+            message._check_fields = False
+        for assign, number in numbers:
+            assign(message, values[number])
+        for assign, build_part in parts:
+            assign(message, build_part(values))
+        return message
+
+    return build, index
+
+
+def _content_builder(field: _Field, index: int) -> Callable[[Sequence[Any]], Any]:
+    """Return a function that makes the value of a text, an array or a sequence."""
+    if field.kind == "text":
+        return lambda values: values[index][:-1].decode()
+    if field.kind == "array":
+        kind = np.dtype(field.format)
+        return lambda values: np.frombuffer(values[index], kind).copy()
+    return lambda values: array.array(field.format, values[index])
