@@ -23,7 +23,7 @@ from rclpy.timer import Timer
 
 from vtff_msgs.msg import StepDone
 from vtff_node import diagnostics, parameters, qos
-from vtff_node.conversions.message_bytes import MessageBytes, message_bytes
+from vtff_node.message_bytes import MessageBytes, message_bytes
 from vtff_node.plugins.loading import Plugin, PluginError, PluginGroup, load_plugin
 from vtff_node.process.run_environment import PROGRESS_VARIABLE, RUN_DIRECTORY_VARIABLE
 from vtff_node.stamps import to_nanoseconds, to_stamp

@@ -25,7 +25,7 @@ from vtff_msgs.msg import (  # noqa: E402
     SimulatorStatus,
     StepDone,
 )
-from vtff_node.conversions.message_bytes import message_bytes  # noqa: E402
+from vtff_node.message_bytes import message_bytes  # noqa: E402
 
 TYPES = (
     AccelStamped,

@@ -83,7 +83,7 @@ class MessageBytes:
     def __init__(self, message_type: Any) -> None:
         self._type = message_type
         self._fields = tuple(_fields(message_type))
-        # Of what has a length, the length is a value of its own, before the content.
+        # The length of a text or a sequence is a value of its own, before the content.
         paths = [path for field in self._fields for path in [field.path] * _count_values(field)]
         getter = operator.attrgetter(*paths)
         self._read_values: Callable[[Any], tuple[Any, ...]] = (
@@ -260,13 +260,13 @@ def _builder(message_type: Any, index: int) -> tuple[Callable[[Sequence[Any]], A
     message_type
         Class of the message.
     index
-        Of the first value of the message.
+        Index of the first value of the message.
 
     Returns
     -------
     builder : callable
     index : int
-        Of the first value that follows.
+        Index of the first value that follows.
     """
     parts: list[tuple[Callable[[Any, Any], None], Callable[[Sequence[Any]], Any]]] = []
     numbers: list[tuple[Callable[[Any, Any], None], int]] = []
