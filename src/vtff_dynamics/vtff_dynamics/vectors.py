@@ -25,7 +25,9 @@ def cross(left: npt.ArrayLike, right: npt.ArrayLike) -> FloatArray:
 
 def is_finite(values: npt.ArrayLike) -> bool:
     """Return whether all numbers of a short vector or small matrix are finite."""
-    return all(map(math.isfinite, np.asarray(values, dtype=float).ravel().tolist()))
+    numbers = np.asarray(values, dtype=float).ravel().tolist()
+    # What is not finite stays so in a sum. A sum may also exceed the largest number.
+    return math.isfinite(sum(numbers)) or all(map(math.isfinite, numbers))
 
 
 def norm(vector: npt.ArrayLike) -> float:

@@ -7,7 +7,7 @@ import functools
 import math
 import pathlib
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -295,7 +295,7 @@ class SimgenBridgeNode(VtffNode):
                 self.parameters.simgen_scenario or f"{self._scenario.name}.scn",
                 self._scenario.epoch,
                 math.ceil(self._scenario.duration) + SIMGEN_MARGIN,
-                self._motions(),
+                self._motions_of_now()(),
             )
             if not self.lockstep:
                 self._wall_start = time.monotonic() - self._simgen.time_into_run()
@@ -492,30 +492,35 @@ class SimgenBridgeNode(VtffNode):
 
     # ---- SimGEN ------------------------------------------------------------------------------
 
-    def _motions(self) -> dict[str, np.ndarray]:
-        """Return the motion of each spacecraft, and its attitude where it has one."""
-        rotations = self._body_rotations()
-        motions = {
-            name: self._truth.motion_itrf(
-                name, self._thrust_in_force.get(name), rotations.get(name)
-            )
-            for name in self._truth.names
-        }
-        for name, attitude in self._attitudes.items():
-            turning = attitude_motion(
+    def _motions_of_now(self) -> Callable[[], dict[str, np.ndarray]]:
+        """Return a function that computes the motion of each spacecraft at this step, also later.
+
+        It has the attitude of those that have one.
+        """
+        orbit_motions = self._truth.motions_of_now(self._thrust_in_force, self._body_rotations())
+        turning = {
+            name: attitude_motion(
                 self._truth.time,
                 self._truth.state_gcrf(name),
                 attitude.state.quaternion_gcrf,
                 attitude.state.rate_body,
             )
-            motions[name] = np.concatenate((motions[name], turning))
-        return motions
+            for name, attitude in self._attitudes.items()
+        }
+
+        def compute() -> dict[str, np.ndarray]:
+            motions = orbit_motions()
+            for name, of_attitude in turning.items():
+                motions[name] = np.concatenate((motions[name], of_attitude))
+            return motions
+
+        return compute
 
     def _send_motion(self) -> None:
         if self._simgen is None:
             return
         try:
-            self._simgen.send(self._time_into_run(), self._motions())
+            self._simgen.send(self._time_into_run(), self._motions_of_now())
         except SimRemoteError as error:
             self.fail(str(error))
 

@@ -132,7 +132,7 @@ class Thruster:
         start_stamp = stamp + self._delay
         wanted, reason = _usable_acceleration(acceleration_rtn)
         limited = np.minimum(np.maximum(wanted, -self.acceleration_cap), self.acceleration_cap)
-        saturated = bool((limited != wanted).any())
+        saturated = limited.tolist() != wanted.tolist()
         if self.quantum > 0.0:
             limited = np.rint(limited / self.quantum) * self.quantum
             limited = np.clip(limited, -self._limit, self._limit)

@@ -386,7 +386,7 @@ class SdreController:
             if not is_finite(wanted):
                 return self._refuse("command is not finite")
         acceleration = np.minimum(np.maximum(wanted, -self._caps), self._caps)
-        saturated = bool((acceleration != wanted).any())
+        saturated = acceleration.tolist() != wanted.tolist()
         if self._options.quantum > 0.0:
             acceleration = self._quantise(acceleration)
         acting = self._enqueue(acceleration - feedforward)

@@ -10,6 +10,8 @@ from __future__ import annotations
 
 import functools
 import math
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import brahe
 import numpy as np
@@ -26,6 +28,9 @@ from vtff_dynamics.time.timescales import GpsTime, leap_seconds, leap_seconds_at
 from vtff_dynamics.vectors import FloatArray, cross, skew
 
 __all__ = [
+    "EarthMotion",
+    "EarthMotionSeries",
+    "earth_motions",
     "earth_rotation_angle",
     "kinematics_itrf",
     "right_ascension_from_longitude",
@@ -67,13 +72,17 @@ def rotation_gcrf_to_itrf(time: GpsTime) -> FloatArray:
     IERS Conventions (2010), chapter 5, with IAU 2000B precession-nutation.
     """
     ensure_earth_orientation()
-    angle = earth_rotation_angle(time)
-    cosine, sine = math.cos(angle), math.sin(angle)
-    earth_rotation = np.array([[cosine, sine, 0.0], [-sine, cosine, 0.0], [0.0, 0.0, 1.0]])
     celestial_pole = brahe.bias_precession_nutation(time.to_brahe_epoch())
-    rotation: FloatArray = _polar_motion(time) @ earth_rotation @ celestial_pole
+    rotation: FloatArray = _polar_motion(time) @ np.array(_turn(time)) @ celestial_pole
     rotation.flags.writeable = False
     return rotation
+
+
+def _turn(time: GpsTime) -> list[list[float]]:
+    """Return the rows of the rotation by the Earth rotation angle."""
+    angle = earth_rotation_angle(time)
+    cosine, sine = math.cos(angle), math.sin(angle)
+    return [[cosine, sine, 0.0], [-sine, cosine, 0.0], [0.0, 0.0, 1.0]]
 
 
 def earth_rotation_angle(time: GpsTime) -> float:
@@ -129,25 +138,86 @@ def _angular_velocity_earth_itrf(time: GpsTime) -> FloatArray:
     return angular_velocity
 
 
-@functools.lru_cache(maxsize=_CACHED_EPOCHS)
-def _kinematics_matrix(time: GpsTime) -> FloatArray:
-    """Return the matrix (12, 12) that carries stacked derivatives 0 to 3 from GCRF to ITRF.
+class EarthMotion(NamedTuple):
+    """How the Earth turns at a time.
+
+    Attributes
+    ----------
+    rotation
+        Rotation from GCRF to ITRF, shape (3, 3), see `rotation_gcrf_to_itrf`.
+    kinematics
+        Matrix that carries stacked derivatives 0 to 3 of a position from GCRF to ITRF, shape
+        (12, 12).
+    """
+
+    rotation: FloatArray
+    kinematics: FloatArray
+
+
+def earth_motions(times: Sequence[GpsTime]) -> list[EarthMotion]:
+    """Return how the Earth turns at some times; all arrays are read-only.
 
     With R(t) = exp(-S t) R(0), S the skew matrix of a constant angular velocity, Leibniz' rule
     gives the n-th derivative as the sum over k of C(n, k) (-S)^k R(0) d^(n-k).
     """
-    rotation = rotation_gcrf_to_itrf(time)
-    minus_skew = -skew(_angular_velocity_earth_itrf(time))
-    powers = [rotation]
+    ensure_earth_orientation()
+    epochs = [time.to_brahe_epoch() for time in times]
+    polar_motions = np.array([brahe.polar_motion(epoch) for epoch in epochs])
+    celestial_poles = np.array([brahe.bias_precession_nutation(epoch) for epoch in epochs])
+    rotations = polar_motions @ np.array([_turn(time) for time in times]) @ celestial_poles
+    minus_skew = -_skews(EARTH_ROTATION_RATE * polar_motions[:, :, 2])
+    powers = [rotations]
     for _ in range(3):
         powers.append(minus_skew @ powers[-1])
-    matrix = np.zeros((12, 12))
+    matrices = np.zeros((len(times), 12, 12))
     for n in range(4):
         for k in range(n + 1):
             column = 3 * (n - k)
-            matrix[3 * n : 3 * n + 3, column : column + 3] = math.comb(n, k) * powers[k]
-    matrix.flags.writeable = False
-    return matrix
+            matrices[:, 3 * n : 3 * n + 3, column : column + 3] = math.comb(n, k) * powers[k]
+    rotations.flags.writeable = matrices.flags.writeable = False
+    return list(map(EarthMotion, rotations, matrices))
+
+
+def _skews(vectors: FloatArray) -> FloatArray:
+    """Return the matrices `vtff_dynamics.vectors.skew` of n vectors, shape (n, 3, 3)."""
+    x, y, z = vectors.T
+    matrices = np.zeros((len(vectors), 3, 3))
+    matrices[:, 0, 1], matrices[:, 0, 2], matrices[:, 1, 2] = -z, y, -x
+    matrices[:, 1, 0], matrices[:, 2, 0], matrices[:, 2, 1] = z, -y, x
+    return matrices
+
+
+class EarthMotionSeries:
+    """How the Earth turns at equally spaced times, computed for some steps ahead at once.
+
+    Parameters
+    ----------
+    step : int
+        ns.
+    """
+
+    #: Steps that are computed at once.
+    LENGTH = 16
+
+    def __init__(self, step: int) -> None:
+        self._step = step
+        self._motions: dict[int, EarthMotion] = {}
+
+    def at(self, time: GpsTime) -> EarthMotion:
+        """Return how the Earth turns at a time; any one, but steps one after the other are fast."""
+        motion = self._motions.get(time.nanoseconds)
+        if motion is None:
+            times = [GpsTime(time.nanoseconds + k * self._step) for k in range(self.LENGTH)]
+            motions = zip(times, earth_motions(times), strict=True)
+            self._motions = {each.nanoseconds: motion for each, motion in motions}
+            motion = self._motions[time.nanoseconds]
+        return motion
+
+
+@functools.lru_cache(maxsize=_CACHED_EPOCHS)
+def _earth_motion(time: GpsTime) -> EarthMotion:
+    (motion,) = earth_motions([time])
+    return motion
 
 
 def kinematics_itrf(
@@ -175,7 +245,7 @@ def kinematics_itrf(
         the one before it for an observer fixed to the Earth.
     """
     stacked = np.concatenate((position_gcrf, velocity_gcrf, acceleration_gcrf, jerk_gcrf))
-    kinematics: FloatArray = (_kinematics_matrix(time) @ stacked).reshape(4, 3)
+    kinematics: FloatArray = (_earth_motion(time).kinematics @ stacked).reshape(4, 3)
     return kinematics
 
 

@@ -16,7 +16,7 @@ from vtff_dynamics.compiled import compiled
 from vtff_dynamics.constants import GM_EARTH, J2_EARTH, RADIUS_EARTH_JGM3
 from vtff_dynamics.vectors import FloatArray
 
-__all__ = ["add_thrust", "free_flight"]
+__all__ = ["add_thrust", "fly_states", "free_flight"]
 
 
 @compiled
@@ -34,8 +34,12 @@ def _derivative(state: FloatArray, rate: FloatArray, gm: float, oblateness: floa
 
 
 @compiled
-def _fly(states: FloatArray, times: FloatArray, gm: float, oblateness: float) -> FloatArray:
-    """Return the states (n, m, 6) at n times from those at the first."""
+def fly_states(states: FloatArray, times: FloatArray, gm: float, oblateness: float) -> FloatArray:
+    """Return the states (n, m, 6) at n times from those (m, 6) at the first.
+
+    Parameters are those of `free_flight`, with the gravitational parameter, m3/s2, and 1.5 J2 times
+    the square of the radius of the Earth, m2; nothing is checked.
+    """
     count = len(states)
     flown = np.empty((len(times), count, 6))
     flown[0] = states
@@ -93,7 +97,7 @@ def free_flight(
     if instants.ndim != 1 or not len(instants):
         raise ValueError(f"times: shape (n,) expected, got {instants.shape}")
     oblateness = 1.5 * j2 * RADIUS_EARTH_JGM3**2
-    flown: FloatArray = _fly(states, instants, GM_EARTH, oblateness)
+    flown: FloatArray = fly_states(states, instants, GM_EARTH, oblateness)
     return flown
 
 

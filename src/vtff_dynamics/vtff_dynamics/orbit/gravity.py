@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from vtff_dynamics.constants import GM_EARTH, J2_EARTH, RADIUS_EARTH_JGM3
+from vtff_dynamics.orbit.free_flight import fly_states
 from vtff_dynamics.vectors import FloatArray
 
 __all__ = ["gravity_acceleration", "gravity_jerk", "predict_state"]
@@ -98,14 +99,8 @@ def predict_state(state_gcrf: npt.ArrayLike, duration: float, j2: float = J2_EAR
     j2 : float
         As in `gravity_acceleration`.
     """
-
-    def rate(state: FloatArray) -> FloatArray:
-        return np.concatenate((state[3:], gravity_acceleration(state[:3], j2=j2)))
-
-    start = np.asarray(state_gcrf, dtype=float)
-    first = rate(start)
-    second = rate(start + 0.5 * duration * first)
-    third = rate(start + 0.5 * duration * second)
-    fourth = rate(start + duration * third)
-    end: FloatArray = start + duration / 6.0 * (first + 2.0 * second + 2.0 * third + fourth)
+    start = np.array(state_gcrf, dtype=float, ndmin=2)
+    oblateness = 1.5 * j2 * RADIUS_EARTH_JGM3 * RADIUS_EARTH_JGM3
+    times = np.array([0.0, duration])
+    end: FloatArray = fly_states(start, times, GM_EARTH, float(oblateness))[1, 0]
     return end

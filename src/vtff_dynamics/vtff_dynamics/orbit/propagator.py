@@ -12,10 +12,9 @@ import brahe
 import numpy as np
 import numpy.typing as npt
 
-from vtff_dynamics.constants import J2_EARTH, NANOSECONDS_PER_SECOND
+from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
 from vtff_dynamics.frames.earth_environment import brahe_constants
 from vtff_dynamics.orbit.force_model import ForceModel
-from vtff_dynamics.orbit.gravity import gravity_jerk
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_dynamics.vectors import FloatArray, is_finite
 
@@ -149,13 +148,8 @@ class Propagator:
         return self._force_model.acceleration(self._time, self._state_gcrf)
 
     def jerk_gcrf(self) -> FloatArray:
-        """Return the jerk by gravity at the current state, m/s3, shape (3,).
-
-        It is that of the point mass, with harmonics also of J2. What is left out is below
-        2e-6 m/s3 in low orbit (0.3 um over one second).
-        """
-        j2 = 0.0 if self._force_model.gravity == "two_body" else J2_EARTH
-        return gravity_jerk(self._state_gcrf, j2=j2)
+        """Return the jerk by gravity at the current state, m/s3, shape (3,)."""
+        return self._force_model.jerk(self._state_gcrf)
 
     def _new_brahe_propagator(self) -> Any:
         """Return a brahe propagator that continues from the current time and state."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -20,6 +20,8 @@ from vtff_sim_bridge.simremote.motion import MotionState
 
 LOGGER = logging.getLogger("simgen_link")
 
+#: Motion of each spacecraft, or a function that computes it.
+Motions = Mapping[str, npt.NDArray[np.float64]]
 #: Time into the run, s, and the motion of each vehicle then.
 _Step = tuple[float, list[tuple[str, MotionState]]]
 
@@ -66,6 +68,7 @@ class SimGenLink:
         self._patience = client.timeout
         self._patience_while_running = patience_while_running
         self._steps_together = steps_together
+        self._waiting: list[tuple[float, Motions | Callable[[], Motions]]] = []
         self._unsent: list[_Step] = []
         self._unanswered: list[_Step] = []
         self._awaited_replies = 0
@@ -82,7 +85,7 @@ class SimGenLink:
         scenario: str,
         epoch: GpsTime,
         duration: float,
-        motions: Mapping[str, npt.NDArray[np.float64]],
+        motions: Motions,
     ) -> None:
         """Connect, load the scenario, place the vehicles, arm and run.
 
@@ -123,10 +126,18 @@ class SimGenLink:
         except ValueError:
             raise SimRemoteError(f"-,TIME: a number expected, got {reply.data_text!r}") from None
 
-    def send(self, time: float, motions: Mapping[str, npt.NDArray[np.float64]]) -> None:
+    def send(self, time: float, motions: Motions | Callable[[], Motions]) -> None:
         """Send the motion of every spacecraft for a time (s into the run), in one packet.
 
         With `steps_together` the motion waits for that of further steps.
+
+        Parameters
+        ----------
+        time
+            s into the run.
+        motions
+            Motion of each spacecraft as for `start`, or a function that returns it. The function is
+            called when the motion is sent: to compute many steps in a row is faster.
 
         Raises
         ------
@@ -134,11 +145,8 @@ class SimGenLink:
             If the connection is lost and cannot be restored, or SimGEN no longer runs; also where
             replies to earlier steps are taken, as in `receive`.
         """
-        commands = [
-            (self._vehicles[name], motion_state(motion)) for name, motion in motions.items()
-        ]
-        self._unsent.append((time, commands))
-        if len(self._unsent) >= self._steps_together:
+        self._waiting.append((time, motions))
+        if len(self._unsent) + len(self._waiting) >= self._steps_together:
             self._receive_all()
             self._send_all()
 
@@ -166,7 +174,14 @@ class SimGenLink:
         self._receive_all()
 
     def _send_all(self) -> None:
-        steps, self._unsent = self._unsent, []
+        steps = self._unsent
+        for time, motions in self._waiting:
+            computed = motions() if callable(motions) else motions
+            commands = [
+                (self._vehicles[name], motion_state(each)) for name, each in computed.items()
+            ]
+            steps.append((time, commands))
+        self._unsent, self._waiting = [], []
         if not steps:
             return
         for attempt in range(2):
@@ -178,6 +193,13 @@ class SimGenLink:
                 return
             except SimRemoteConnectionError as error:
                 self._note_lost_connection(error, final=attempt > 0)
+
+    def _commands(self, time: float, motions: Motions | Callable[[], Motions]) -> _Step:
+        """Return the motion of the vehicles at a time."""
+        computed = motions() if callable(motions) else motions
+        return time, [
+            (self._vehicles[name], motion_state(motion)) for name, motion in computed.items()
+        ]
 
     def _receive_all(self) -> None:
         awaited, self._awaited_replies = self._awaited_replies, 0

@@ -6,12 +6,14 @@ the truth with this class, so that a run over the real topics gives the numbers 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import functools
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 import numpy.typing as npt
 
-from vtff_dynamics.frames.earth import kinematics_itrf
+from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
+from vtff_dynamics.frames.earth import EarthMotionSeries
 from vtff_dynamics.frames.rtn import relative_state_rtn, rotation_gcrf_to_rtn
 from vtff_dynamics.orbit.propagator import ForceModel, Propagator
 from vtff_dynamics.time.timescales import GpsTime
@@ -71,6 +73,8 @@ class FormationTruth:
         self._steps_done = 0
         self._integrator = integrator
         self._rotation: FloatArray | None = None  # from GCRF to RTN of the current step
+        # What acts in GCRF in the current step, with the bytes of what is reported for it.
+        self._acting: dict[str, tuple[bytes, FloatArray]] = {}
         self._propagators = {
             name: Propagator(
                 time,
@@ -81,6 +85,8 @@ class FormationTruth:
             )
             for name, state in spacecraft
         }
+        self._states = {name: each.state_gcrf for name, each in self._propagators.items()}
+        self._earth = EarthMotionSeries(round(step * NANOSECONDS_PER_SECOND))
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -103,14 +109,14 @@ class FormationTruth:
         return self._propagators[self._chief].time
 
     def state_gcrf(self, name: str) -> FloatArray:
-        """Position and velocity of a spacecraft in GCRF in m and m/s, shape (6,).
+        """Position and velocity of a spacecraft in GCRF, m and m/s, shape (6,); not to be changed.
 
         Raises
         ------
         KeyError
             If there is no spacecraft of that name.
         """
-        return self._propagators[name].state_gcrf
+        return self._states[name]
 
     def relative_state_rtn(self, name: str) -> FloatArray:
         """State of a spacecraft relative to the chief in the chief's RTN frame, shape (6,).
@@ -150,9 +156,10 @@ class FormationTruth:
             for name, acceleration in (accelerations or {}).items()
         }
         for name, propagator in self._propagators.items():
-            propagator.advance(accelerations_gcrf.get(name))
+            self._states[name] = propagator.advance(accelerations_gcrf.get(name))
         self._steps_done += 1
         self._rotation = None
+        self._acting.clear()
 
     def accelerations_of_thrusters(self, name: str, reported: npt.ArrayLike) -> FloatArray:
         """Return what each of three thrusters gives in the coming step, m/s2, shape (3, 3).
@@ -193,18 +200,52 @@ class FormationTruth:
             integrator moves along straight lines, so an extrapolation with a curvature would
             jump by metres at every step.
         """
-        propagator = self._propagators[name]
-        state = propagator.state_gcrf
-        if self._integrator == "euler":
-            motion = kinematics_itrf(
-                propagator.time, state[:3], state[3:], np.zeros(3), np.zeros(3)
-            )
-            motion[2:] = 0.0
-            return motion
-        total = propagator.acceleration_gcrf()
+        thrusts = {}
         if acceleration is not None:
-            total = total + self._acceleration_gcrf(name, acceleration, rotation_to_gcrf)
-        return kinematics_itrf(propagator.time, state[:3], state[3:], total, propagator.jerk_gcrf())
+            thrusts[name] = self._acceleration_gcrf(name, acceleration, rotation_to_gcrf)
+        return self._motions(self.time, {name: self._states[name]}, thrusts)[name]
+
+    def motions_of_now(
+        self,
+        accelerations: Mapping[str, npt.ArrayLike],
+        rotations_to_gcrf: Mapping[str, FloatArray],
+    ) -> Callable[[], dict[str, FloatArray]]:
+        """Return a function that computes `motion_itrf` of all spacecraft for the present time.
+
+        It may be called when time has gone on: many steps in a row take a fraction of the time.
+
+        Parameters
+        ----------
+        accelerations, rotations_to_gcrf
+            As for `advance`.
+        """
+        thrusts = {
+            name: self._acceleration_gcrf(name, acceleration, rotations_to_gcrf.get(name))
+            for name, acceleration in accelerations.items()
+        }
+        return functools.partial(self._motions, self.time, dict(self._states), thrusts)
+
+    def _motions(
+        self, time: GpsTime, states: Mapping[str, FloatArray], thrusts: Mapping[str, FloatArray]
+    ) -> dict[str, FloatArray]:
+        """Return the motions at a time; thrusts are accelerations in GCRF, m/s2."""
+        earth = self._earth.at(time)
+        is_straight = self._integrator == "euler"
+        motions = {}
+        for name, state in states.items():
+            derivatives = np.zeros(12)
+            derivatives[:6] = state
+            if not is_straight:
+                forces = self._propagators[name].force_model
+                total = forces.acceleration(time, state, earth.rotation)
+                if name in thrusts:
+                    total = total + thrusts[name]
+                derivatives[6:9], derivatives[9:] = total, forces.jerk(state)
+            motion: FloatArray = (earth.kinematics @ derivatives).reshape(4, 3)
+            if is_straight:
+                motion[2:] = 0.0
+            motions[name] = motion
+        return motions
 
     def _acceleration_gcrf(
         self, name: str, reported: npt.ArrayLike, rotation_to_gcrf: FloatArray | None = None
@@ -217,6 +258,10 @@ class FormationTruth:
         acceleration = np.asarray(reported, dtype=float)
         if acceleration.shape != (3,) or not is_finite(acceleration):
             raise ValueError(f"acceleration of {name}: three finite numbers (m/s2) expected")
+        content = acceleration.tobytes()
+        known = self._acting.get(name)
+        if rotation_to_gcrf is None and known is not None and known[0] == content:
+            return known[1]
         if name in self._thruster_errors:
             acceleration = self._thruster_errors[name].true_acceleration(
                 self._steps_done, acceleration
@@ -225,4 +270,6 @@ class FormationTruth:
             return np.asarray(rotation_to_gcrf @ acceleration)
         if self._rotation is None:
             self._rotation = rotation_gcrf_to_rtn(self.state_gcrf(self._chief))
-        return np.asarray(self._rotation.T @ acceleration)
+        acting: FloatArray = self._rotation.T @ acceleration
+        self._acting[name] = content, acting
+        return acting
