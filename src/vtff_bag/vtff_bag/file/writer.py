@@ -17,11 +17,9 @@ import time
 from collections.abc import Callable, Iterable, Mapping
 from types import TracebackType
 
-from mcap.exceptions import McapError
-from mcap.writer import CompressionType, IndexType, Writer
-
 from vtff_bag.file import metadata as bag_metadata
 from vtff_bag.file.errors import BagWriteError
+from vtff_bag.file.mcap_writer import COMPRESSIONS, McapWriter
 from vtff_bag.file.message_definitions import message_definition
 from vtff_bag.file.metadata import (
     BagMetadata,
@@ -38,13 +36,6 @@ SCHEMA_ENCODING = "ros2msg"
 DEFAULT_CHUNK_SIZE = 128 * 1024
 FLUSH_INTERVAL = 1.0  # s of wall time
 RESERVE_SIZE = 8 * 1024 * 1024  # bytes; a minute of two receivers at 20 Hz, and the index
-
-COMPRESSIONS = {
-    "zstd": CompressionType.ZSTD,
-    "lz4": CompressionType.LZ4,
-    "none": CompressionType.NONE,
-}
-
 
 _NO_SPACE = (errno.ENOSPC, errno.EDQUOT)
 
@@ -71,7 +62,7 @@ class _RecordFile:
             raise BagWriteError(f"{path}: cannot create: {error.strerror or error}") from error
         self._length = 0
 
-    def write(self, block: bytes) -> int:
+    def write(self, block: bytes | bytearray) -> int:
         remaining = memoryview(block)
         while remaining:
             try:
@@ -102,9 +93,6 @@ class _RecordFile:
 
     def tell(self) -> int:
         return self._length
-
-    def flush(self) -> None:
-        """Do nothing: every write has already reached the operating system."""
 
     def close(self) -> None:
         self._release_reserve()
@@ -175,7 +163,6 @@ class BagWriter:
         self.directory = pathlib.Path(directory)
         self._make_directory()
         self.path = self.directory / f"{self.directory.absolute().name}_0.mcap"
-        self._file_information = FileInformation(path=self.path.name)
         self._topics: dict[int, TopicInformation] = {}
         self._schemas: dict[tuple[str, str], int] = {}
         self._custom_metadata = {str(k): str(v) for k, v in (custom_metadata or {}).items()}
@@ -186,17 +173,9 @@ class BagWriter:
         self._failed = False
         self._file = _RecordFile(self.path)
         try:
-            self._writer = Writer(
-                self._file,  # type: ignore[arg-type]
-                chunk_size=chunk_size,
-                compression=COMPRESSIONS[compression],
-                index_types=IndexType.ALL,
-            )
+            self._writer = McapWriter(self._file, chunk_size, compression)
             self._writer.start(profile=PROFILE, library=LIBRARY)
             self._write_metadata_file()
-        except McapError as error:
-            self._abandon()
-            raise BagWriteError(f"{self.path}: cannot write: {error}") from error
         except BagWriteError:
             self._abandon()
             raise
@@ -218,7 +197,8 @@ class BagWriter:
     @property
     def message_counts(self) -> dict[str, int]:
         """Number of messages written so far, by topic."""
-        return {topic.name: topic.message_count for topic in self._topics.values()}
+        counts = self._writer.count_messages()
+        return {topic.name: counts.get(number, 0) for number, topic in self._topics.items()}
 
     def topic_number(self, name: str) -> int | None:
         """Return the number of a topic; None if the topic was not added."""
@@ -231,7 +211,7 @@ class BagWriter:
     @property
     def message_count(self) -> int:
         """Number of messages written so far."""
-        return self._file_information.message_count
+        return sum(self._writer.count_messages().values())
 
     @property
     def disk_alarm(self) -> str:
@@ -317,7 +297,6 @@ class BagWriter:
             Times in ns since 1970, not negative; ``publish_time`` is ``log_time`` if not given.
         """
         self._check_open()
-        topic = self._topics[topic_id]
         try:
             self._writer.add_message(
                 topic_id, log_time, serialized, log_time if publish_time is None else publish_time
@@ -325,15 +304,6 @@ class BagWriter:
         except BagWriteError:
             self._abandon()
             raise
-        topic.message_count += 1
-        information = self._file_information
-        if information.message_count == 0:
-            information.start_time = information.end_time = log_time
-        elif log_time < information.start_time:
-            information.start_time = log_time
-        elif log_time > information.end_time:
-            information.end_time = log_time
-        information.message_count += 1
         self._has_unflushed = True
         if self._steady_clock() >= self._next_flush:
             self.flush()
@@ -345,7 +315,7 @@ class BagWriter:
         if not self._has_unflushed:
             return
         try:
-            self._writer.flush()
+            self._writer.finish_chunk()
         except BagWriteError:
             self._abandon()
             raise
@@ -394,8 +364,11 @@ class BagWriter:
         self._file.close()
 
     def _make_metadata(self) -> BagMetadata:
+        counts = self._writer.count_messages()
+        for number, topic in self._topics.items():
+            topic.message_count = counts.get(number, 0)
         return BagMetadata(
-            files=[self._file_information],
+            files=[FileInformation(self.path.name, *self._writer.times(), sum(counts.values()))],
             topics=list(self._topics.values()),
             custom_data=self._custom_metadata,
         )
