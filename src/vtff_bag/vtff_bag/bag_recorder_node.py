@@ -6,14 +6,17 @@ import dataclasses
 import os
 import pathlib
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
+from rclpy.subscription import Subscription
 
 from vtff_bag.file.errors import BagWriteError
-from vtff_bag.file.writer import COMPRESSIONS, DEFAULT_CHUNK_SIZE, BagWriter
-from vtff_bag.recorder.recorder import SEARCH_INTERVAL, Recorder
+from vtff_bag.file.mcap_writer import COMPRESSIONS
+from vtff_bag.file.writer import DEFAULT_CHUNK_SIZE, BagWriter
+from vtff_bag.recorder.recorder import GATHER_LIMIT, SEARCH_INTERVAL, Recorder
 from vtff_bag.recorder.recording_rules import Acknowledger, TopicSelection
 from vtff_bag.run.description import describe_run_folder
 from vtff_bag.run.environment import describe_environment
@@ -86,6 +89,7 @@ class BagRecorderNode(VtffNode):
     Parameters = BagRecorderParameters
     # Nobody waits for a single message to be recorded, and each wake-up costs as much as its work.
     gather_time = 0.01
+    yields_to_others = True
     #: What acts on messages goes before what keeps them.
     niceness = 5
 
@@ -101,6 +105,9 @@ class BagRecorderNode(VtffNode):
             )
         except BagWriteError as error:
             raise ParameterError(f"parameter 'output': {error}") from error
+        if self.lockstep:
+            # The recorder takes most messages itself, after they have gathered for longer.
+            self.gather_time = 0.0
         self._failure: BagWriteError | None = None
         self._acknowledger = (
             Acknowledger(self._acknowledge, table.acknowledge_every) if self.lockstep else None
@@ -116,7 +123,14 @@ class BagRecorderNode(VtffNode):
         )
         self._alive_next = 0.0
         self._was_stable = False
-        self.create_timer(SEARCH_INTERVAL, self._tick, clock=self.steady_clock)
+        self._timer = self.create_timer(SEARCH_INTERVAL, self._tick, clock=self.steady_clock)
+
+    @property
+    def subscriptions(self) -> Iterator[Subscription]:
+        """Subscriptions whose messages the executor takes; the recorder takes those of others."""
+        recorder: Recorder | None = getattr(self, "_recorder", None)
+        gathered = [] if recorder is None else recorder.gathered_subscriptions
+        return (each for each in super().subscriptions if each not in gathered)
 
     def _tick(self) -> None:
         self._recorder.tick()
@@ -124,6 +138,9 @@ class BagRecorderNode(VtffNode):
         # Told at once: the flight begins with it, and `vtff run` has something to lose from then.
         if now >= self._alive_next or self._recorder.stable != self._was_stable:
             self._alive_next = now + ALIVE_INTERVAL
+            if self._recorder.stable and not self._was_stable:
+                self._timer.cancel()
+                self._timer = self.create_timer(GATHER_LIMIT, self._tick, clock=self.steady_clock)
             self._was_stable = self._recorder.stable
             self.report_alive(self._recorder.stable)
 
@@ -188,6 +205,7 @@ class BagRecorderNode(VtffNode):
         received = self._recorder.received
         while self.context.ok() and time.monotonic() - started < DRAIN_LIMIT:
             executor.spin_once(timeout_sec=DRAIN_QUIET / 4)
+            self._recorder.take_gathered()
             now = time.monotonic()
             if self._recorder.received != received:
                 received, quiet_since = self._recorder.received, now

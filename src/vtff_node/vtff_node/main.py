@@ -104,7 +104,7 @@ def spin(nodes: Sequence[VtffNode], stop: StopRequest) -> int:
             nodes[0].get_logger().info(f"the system does not permit a niceness of {niceness}")
     timer = nodes[0].create_timer(SPIN_TIMEOUT, look, clock=nodes[0].steady_clock)
     gather_time = min(node.gather_time for node in nodes)
-    if gather_time:
+    if all(node.yields_to_others for node in nodes):
         # Else each message interrupts the node that publishes it.
         yield_to_others()
     patience = NO_PATIENCE if gather_time else SPIN_TIMEOUT

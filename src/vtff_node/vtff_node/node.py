@@ -105,7 +105,9 @@ class VtffNode(Node):
     Parameters: ClassVar[type | None] = None
     Plugins: ClassVar[PluginGroup | None] = None
     #: Wall time in s for which messages may gather before a process of such nodes alone takes them.
-    gather_time: ClassVar[float] = 0.0
+    gather_time: float = 0.0
+    #: Whether a process of such nodes alone never interrupts the work of another process.
+    yields_to_others: ClassVar[bool] = False
     #: Niceness in real time where the system permits it: other work of the machine waits then, so
     #: that it does not come between a measurement and its command.
     niceness: ClassVar[int] = -10

@@ -1,5 +1,6 @@
 """Rules of the recorder without ROS, then the node against real publishers."""
 
+import contextlib
 import os
 import re
 import signal
@@ -114,6 +115,21 @@ def test_subscription_asks_for_what_every_publisher_offers():
     assert strongest_common([strong, profile("RELIABLE", "VOLATILE")]) == (True, False)
 
 
+class FakeSubscription(contextlib.nullcontext):
+    """A subscription, and its own handle, of which the test fills the queue."""
+
+    msg_type, raw = None, True
+
+    def __init__(self, callback):
+        super().__init__()
+        self.callback = callback
+        self.waiting = []
+        self.handle = self
+
+    def take_message(self, message_type, raw):
+        return (self.waiting.pop(0), {}) if self.waiting else None
+
+
 class FakeNode:
     """The graph and the subscriptions of a node, without DDS."""
 
@@ -121,6 +137,7 @@ class FakeNode:
         self.topics = dict(topics)
         self.nodes = {}
         self.callbacks = {}
+        self.subscriptions = {}
         self.warnings = []
 
     def get_topic_names_and_types(self):
@@ -148,6 +165,8 @@ class FakeNode:
     def create_subscription(self, message_type, topic, callback, profile, raw):
         assert raw and profile.depth == 5000
         self.callbacks[topic] = callback
+        self.subscriptions[topic] = FakeSubscription(callback)
+        return self.subscriptions[topic]
 
     def get_fully_qualified_name(self):
         return "/bag_recorder"
@@ -241,6 +260,56 @@ def test_in_lockstep_messages_without_a_time_stay_before_those_of_their_topic(
     items = BagReader(tmp_path / "bag").raw_messages()
     on_topic = [(m.log_time // SECOND, m.serialized) for m in items if m.topic == "/state"]
     assert on_topic == [(100, stamped(0)), (100, stamped(100))]
+
+
+def test_in_lockstep_messages_with_a_header_gather_until_they_are_acknowledged(
+    tmp_path, monkeypatch
+):
+    pytest.importorskip("rclpy")
+    now = [10.0]
+    monkeypatch.setattr("vtff_bag.recorder.recorder.time.monotonic", lambda: now[0])
+    node = FakeNode({**TOPICS, "/diagnostics": "diagnostic_msgs/msg/DiagnosticArray"})
+    writer = BagWriter(tmp_path / "bag")
+    acknowledged = []
+
+    def acknowledge(stamp):
+        recorder.flush()
+        acknowledged.append((stamp // SECOND, writer.message_count))
+
+    acknowledger = Acknowledger(acknowledge, 2)
+    recorder = Recorder(node, writer, TopicSelection(), acknowledger)
+    recorder.tick()
+    # The type std_msgs/Header begins with its stamp and has no header.
+    assert recorder.gathered_subscriptions == [node.subscriptions["/state"]]
+    acknowledger.allow_first()
+    state = node.subscriptions["/state"]
+    node.callbacks["/clock"](stamped(100))
+    state.waiting += [stamped(100), stamped(0)]
+    now[0] += 0.05
+    recorder.tick()
+    node.callbacks["/clock"](stamped(101))
+    assert recorder.received == 2
+    node.callbacks["/clock"](stamped(102))
+    assert acknowledged == [(100, 1), (102, 5)]
+    state.waiting.append(stamped(102))
+    now[0] += 0.2
+    recorder.tick()
+    assert recorder.received == 6 and state.waiting == []
+    recorder.finish()
+    writer.close()
+    items = [(m.topic, m.log_time // SECOND) for m in BagReader(tmp_path / "bag").raw_messages()]
+    assert items == [
+        ("/clock", 100),
+        ("/state", 100),
+        ("/clock", 101),
+        ("/clock", 102),
+        ("/state", 102),
+        ("/state", 102),
+    ]
+
+
+def test_outside_lockstep_nothing_gathers(recording):
+    assert recording.recorder.gathered_subscriptions == []
 
 
 def test_unknown_type_is_named_once_and_skipped(recording):

@@ -24,11 +24,13 @@ from vtff_bag.recorder.expected_nodes import ExpectedNodes
 from vtff_bag.recorder.offered_qos import qos_entries, strongest_common
 from vtff_bag.recorder.recording_rules import Acknowledger, ScenarioTime, TopicSelection
 from vtff_node.start.listeners import DIAGNOSTICS_TOPIC, read_listeners
+from vtff_node.start.unannounced import take_unannounced
 
 #: Topic on which nodes state which nodes hear them, and its type.
 DIAGNOSTICS_TYPE = "diagnostic_msgs/msg/DiagnosticArray"
 
 SUBSCRIPTION_DEPTH = 5000  # messages of a topic that may wait for the recorder
+GATHER_LIMIT = 0.1  # s of wall time for which messages may gather before the recorder takes them
 
 STABLE_AFTER = 0.3  # s of wall time without a new topic, after which the set of topics is stable
 SEARCH_INTERVAL = 0.02  # s of wall time between looks at the graph until the topics are stable
@@ -48,11 +50,17 @@ class _RecordedTopic:
     subscription: Any
     reliable: bool
     transient_local: bool
+    is_gathered: bool = False
     publishers: int = 0
 
 
 class Recorder:
     """Subscribes to every topic and writes the messages that arrive.
+
+    In lockstep a message with a header has its time in itself, so it does not matter when it is
+    taken. Such messages gather in their subscriptions, which no executor should know
+    (`gathered_subscriptions`), until `flush` or for `GATHER_LIMIT`: to be told of each by an
+    executor costs as much as all the rest.
 
     Parameters
     ----------
@@ -108,6 +116,7 @@ class Recorder:
         self._held: list[tuple[int, bytes]] = []
         self._held_since = 0.0
         self._next_search = 0.0
+        self._gathered_at = 0.0
         self._changed_at = time.monotonic()
         self._failed = False
         self.stable = False
@@ -124,15 +133,25 @@ class Recorder:
         return sorted(self._topics)
 
     @property
+    def gathered_subscriptions(self) -> list[Any]:
+        """Subscriptions whose messages `take_gathered` takes."""
+        return [topic.subscription for topic in self._topics.values() if topic.is_gathered]
+
+    @property
     def missing(self) -> list[str]:
         """One text for each expected node that is not heard yet, or for what is missing of it."""
         return self._expected.missing()
 
     def tick(self) -> None:
-        """Search for topics and flush the bag when they are due; call every `SEARCH_INTERVAL`."""
+        """Search for topics, take what has gathered and flush the bag, when these are due.
+
+        To be called every `SEARCH_INTERVAL`, once the set of topics is stable every `GATHER_LIMIT`.
+        """
         now = time.monotonic()
         if now >= self._next_search:
             self._search(now)
+        if now - self._gathered_at >= GATHER_LIMIT:
+            self.take_gathered()
         if self._held and now - self._held_since >= HOLD_LIMIT_SECONDS:
             self._release_held(time.time_ns())
         if not self._failed:
@@ -141,8 +160,14 @@ class Recorder:
             on_full_disk, self._on_full_disk = self._on_full_disk, None
             on_full_disk(self._writer.disk_alarm)
 
+    def take_gathered(self) -> None:
+        """Take and write the messages that have gathered in their subscriptions."""
+        self._gathered_at = time.monotonic()
+        take_unannounced(self.gathered_subscriptions)
+
     def flush(self) -> None:
-        """Hand what has been recorded to the operating system."""
+        """Hand what has been received to the operating system."""
+        self.take_gathered()
         if not self._failed:
             self._write_or_fail(self._writer.flush)
 
@@ -207,8 +232,12 @@ class Recorder:
         if number is None:
             return False
         reliable, transient_local = strongest_common(endpoint.qos_profile for endpoint in endpoints)
-        callback = self._make_callback(number, type_name, first_field == "std_msgs/Header")
+        has_header = first_field == "std_msgs/Header"
+        callback = self._make_callback(number, type_name, has_header)
         topic = _RecordedTopic(name, type_name, number, callback, None, reliable, transient_local)
+        # What the nodes hear of each other is looked at when it comes.
+        is_timely = self._acknowledger is None or type_name == DIAGNOSTICS_TYPE
+        topic.is_gathered = has_header and not is_timely
         topic.subscription = self._subscribe(class_of_topic, topic)
         self._topics[name] = topic
         return True

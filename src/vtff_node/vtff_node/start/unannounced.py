@@ -30,19 +30,24 @@ def take_unannounced(subscriptions: Iterable[Any]) -> int:
     """
     taken = 0
     for subscription in list(subscriptions):
-        while (message := _take(subscription)) is not None:
-            taken += 1
-            subscription.callback(message)
+        messages = _take_all(subscription)
+        taken += len(messages)
+        callback = subscription.callback
+        for message in messages:
+            callback(message)
     return taken
 
 
-def _take(subscription: Any) -> Any:
-    """Return the oldest waiting message of a subscription; None without any."""
+def _take_all(subscription: Any) -> list[Any]:
+    """Return the waiting messages of a subscription, the oldest first."""
     from rclpy.exceptions import InvalidHandle
 
+    handle, kind, is_raw = subscription.handle, subscription.msg_type, subscription.raw
+    messages = []
     try:
-        with subscription.handle:
-            found = subscription.handle.take_message(subscription.msg_type, subscription.raw)
+        with handle:
+            while (found := handle.take_message(kind, is_raw)) is not None:
+                messages.append(found[0])
     except InvalidHandle:  # a callback before has destroyed it
-        return None
-    return None if found is None else found[0]
+        pass
+    return messages
