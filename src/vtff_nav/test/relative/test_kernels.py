@@ -16,10 +16,18 @@ from vtff_gnss.constants import (
 )
 from vtff_nav.relative.cdgps.output import derivatives_rtn
 from vtff_nav.relative.kernels.combinations import combine_carriers, read_signals
+from vtff_nav.relative.kernels.differences import find_worst_measurement, leave_one_out
+from vtff_nav.relative.kernels.gaussian import decay_members, replace_members, without_nuisance
 from vtff_nav.relative.kernels.motion import positions_at_reception
 from vtff_nav.relative.kernels.noise import expect_slow_error, update_models
 from vtff_nav.relative.kernels.orbit import orbit_measurements
-from vtff_nav.relative.kernels.sky import north_and_east, plasma_paths, shell_paths
+from vtff_nav.relative.kernels.phases import learn_scatter
+from vtff_nav.relative.kernels.sky import (
+    move_over_ground,
+    north_and_east,
+    plasma_paths,
+    shell_paths,
+)
 
 COUNT = 9
 
@@ -133,11 +141,15 @@ def test_signals_that_are_read(use_receiver_sigmas):
     ).astype(np.float32)
     stated_code[0] = 0.0
     doppler, lock = generator.uniform(1.0, 9.0, (2, count)).astype(np.float32)
-    rows, numbers = read_signals(
-        satellite, carrier, wavelength, has_ephemeris, flags, code, cycles, stated_code,
-        stated_phase, doppler, lock, np.array([0.3, 1e-3]), np.array([0.05, 2e-4]),
-        use_receiver_sigmas,
+    # The columns of an epoch are in another order.
+    order = generator.permutation(count)
+    ordered = (flags, code, cycles, stated_code, stated_phase, doppler, lock)
+    columns = [column[np.argsort(order)] for column in ordered]
+    rows, numbers, flags_used = read_signals(
+        order, satellite, carrier, wavelength, has_ephemeris, *columns, np.array([0.3, 1e-3]),
+        np.array([0.05, 2e-4]), use_receiver_sigmas,
     )  # fmt: skip
+    np.testing.assert_array_equal(flags_used, flags[rows])
     np.testing.assert_array_equal(rows, [0, 3, 5, 6, 13])
     sigmas = np.full(count, 0.3), np.full(count, 1e-3)
     if use_receiver_sigmas:
@@ -251,3 +263,95 @@ def test_derivatives_of_the_relative_state(distance, climb):
             before = relative_state_rtn(chief - moved * step, deputy - step)
             expected = 0.5 * (after - before) / step[column]
             np.testing.assert_allclose(derivative[:, column], expected, rtol=1e-5, atol=2e-8)
+
+
+def test_scatter_has_the_squares_of_python():
+    """A square by the C library is not always the product: results would differ in a digit."""
+    generator = random_numbers(7)
+    count, stated = 20_000, 1e-9
+    before, now = generator.standard_normal((2, count))
+    residual = np.concatenate((np.zeros(count), now))
+    numbers = np.array([np.zeros(count), np.ones(count), before])
+    learn_scatter(
+        np.arange(count), 10, residual, np.zeros(2 * count), np.ones(2 * count),
+        np.full(count, stated), np.ones(2 * count, bool), np.zeros(count, bool), 0.0, 2.0,
+        np.zeros(count, np.int64), np.zeros(count, np.int64), numbers,
+    )  # fmt: skip
+    expected = []
+    for last, value in zip(before.tolist(), now.tolist(), strict=True):
+        square = 0.5 * (value - last) ** 2
+        expected.append(1.0 + (square / stated - 1.0) / 10)
+    products = 0.5 * (now - before) ** 2
+    assert (1.0 + (products / stated - 1.0) / 10 != expected).any()
+    kept = numbers[0] > 0.0
+    np.testing.assert_array_equal(numbers[1][kept], np.array(expected)[kept])
+
+
+def test_worst_measurement():
+    generator = random_numbers(8)
+    count, limit = 6, 3.0
+    root = generator.standard_normal((2 * count + 1, 2 * count + 1))
+    weight = root @ root.T
+    is_used = np.arange(2 * count + 1) != 4
+    values, variances = generator.standard_normal(2 * count + 1), np.full(2 * count + 1, 1e3)
+    residual, variance = leave_one_out(weight, weight @ values, variances, is_used)
+    diagonal = np.diagonal(weight)
+    np.testing.assert_array_equal(residual[is_used], (weight @ values / diagonal)[is_used])
+    np.testing.assert_array_equal(variance[is_used], (1.0 / diagonal)[is_used])
+    assert (residual[4], variance[4]) == (0.0, np.inf)
+
+    def worst(is_scattered: np.ndarray, slip: float, limit: float) -> int:
+        return find_worst_measurement(
+            residual, variance, variance, is_scattered, np.full(count, slip), limit
+        )
+
+    quiet, normalised = np.zeros(count, bool), np.abs(residual) / np.sqrt(variance)
+    largest = int(normalised.argmax())
+    assert worst(quiet, 0.0, 0.99 * normalised[largest]) == largest
+    assert worst(quiet, 0.0, 1.01 * normalised[largest]) == -1
+    # A phase that scintillates and is nearer to a slip counts as a fault.
+    scattered = np.arange(count) == 2
+    slip = 0.9 * abs(residual[count + 2])
+    assert worst(scattered, slip, 1e3 * limit) == count + 2
+    assert worst(scattered, 1.1 * abs(residual[count + 2]), 1e3 * limit) == -1
+
+
+def test_prediction_of_a_state():
+    generator = random_numbers(9)
+    root, mean = generator.standard_normal((5, 5)), generator.standard_normal(5)
+    covariance, rows = root @ root.T, np.array([0, 3])
+    coefficients = generator.standard_normal((2, 5))
+    whole = np.eye(5)
+    whole[rows] = coefficients
+    expected_mean, expected = whole @ mean, whole @ covariance @ whole.T
+    changed = coefficients @ covariance
+    replace_members(mean, covariance, rows, coefficients @ mean, changed, changed @ coefficients.T)
+    np.testing.assert_allclose(mean, expected_mean)
+    np.testing.assert_allclose(covariance, expected)
+    decay, steady, growth = generator.uniform(0.1, 1.0, (3, 5))
+    decay_members(mean, covariance, decay, steady, growth)
+    expected = expected * np.outer(decay, decay) + np.diag((1.0 - decay**2) * steady + growth)
+    np.testing.assert_allclose(mean, decay * expected_mean)
+    np.testing.assert_allclose(covariance, expected)
+
+
+def test_nuisance_is_projected_out():
+    generator = random_numbers(10)
+    root, nuisance = generator.standard_normal((6, 6)), generator.standard_normal((6, 1))
+    weight = root @ root.T
+    weighted = weight @ nuisance
+    normal = (nuisance.T @ weighted).item()
+    expected = weight - weighted @ weighted.T / normal
+    gain = without_nuisance(weight, weighted, normal)
+    np.testing.assert_allclose(gain, weighted.T / normal)
+    np.testing.assert_allclose(weight, expected)
+    np.testing.assert_allclose(weight @ nuisance, 0.0, atol=1e-12)
+
+
+def test_motion_over_ground():
+    before, after, turn = CHIEF[:3], CHIEF[:3] + CHIEF[3:], 7.3e-5
+    axes, moved = move_over_ground(before, after, turn)
+    zenith, zenith_after = (position / np.linalg.norm(position) for position in (before, after))
+    expected = zenith_after - zenith - turn * np.cross([0.0, 0.0, 1.0], zenith)
+    np.testing.assert_allclose(moved, expected, atol=1e-15)
+    np.testing.assert_array_equal(axes, north_and_east(before))

@@ -107,9 +107,7 @@ def filter_of(cycles, sigma_cycles: float, seed: int = 0, common: float = 0.5):
     truth = 0.19 * np.asarray(cycles, dtype=float) + 0.037
     mean = truth + np.linalg.cholesky(covariance) @ random.standard_normal(count)
     state = GaussianState([("ambiguity", k) for k in keys], mean, covariance)
-    arcs = [
-        Arc(k, n, 0.0, START, 0.0, 2e-6, (1.0, 1.0), 0, True) for n, k in enumerate(keys, start=1)
-    ]
+    arcs = [Arc(k, n, 0.0) for n, k in enumerate(keys, start=1)]
     return state, arcs, keys
 
 
@@ -145,7 +143,7 @@ def test_new_satellite_is_fixed_against_the_bias():
     state, arcs, keys = filter_of([3, -7, 12], sigma_cycles=0.02, common=0.0)
     attempt(state, arcs)
     bias = state.value(("phase_bias", keys[0].group))
-    new = Arc(key(9), 9, 0.0, START, 0.0, 2e-6, (1.0, 1.0), 0, True)
+    new = Arc(key(9), 9, 0.0)
     state.add(("ambiguity", new.key), bias + 0.19 * 4 + 0.001, 1e-5)
     result = attempt(state, [*arcs, new][3:])
     assert result.fixed == (new.key,)
@@ -158,7 +156,7 @@ def test_half_integers_only_when_certain():
         state, arcs, keys = filter_of([3, -7, 12], sigma_cycles=0.02, common=0.0)
         attempt(state, arcs)
         bias = state.value(("phase_bias", keys[0].group))
-        new = Arc(key(9), 9, 0.0, START, 0.0, 2e-6, (1.0, 1.0), 0, True)
+        new = Arc(key(9), 9, 0.0)
         state.add(("ambiguity", new.key), bias + 0.19 * 4.5, sigma)
         attempt(state, [new])
         assert new.integer == expected

@@ -150,7 +150,7 @@ def test_members_come_and_go():
 def test_gauss_markov_reaches_its_steady_state():
     state = GaussianState(["a", "b"], [5.0, 1.0], np.array([[9.0, 2.0], [2.0, 1.0]]))
     for _ in range(200):
-        state.predict_gauss_markov(np.array([0.9, 1.0]), np.array([4.0, 0.0]))
+        state.predict_gauss_markov(np.array([0.9, 1.0]), np.array([4.0, 0.0]), np.zeros(2))
     assert state.value("a") == pytest.approx(0.0, abs=1e-8)
     assert state.sigma("a") == pytest.approx(2.0)
     assert state.covariance[0, 1] == pytest.approx(0.0, abs=1e-8)

@@ -2,21 +2,38 @@
 
 from __future__ import annotations
 
-import math
+import functools
 import operator
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 
+import numpy as np
+import numpy.typing as npt
+
+from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
 from vtff_dynamics.time.timescales import GpsTime
+from vtff_dynamics.vectors import FloatArray
 from vtff_gnss.signals import SignalKey
+from vtff_nav.relative.cdgps.state import GaussianState
 from vtff_nav.relative.common.measurements import SingleDifferences
+from vtff_nav.relative.common.signal_set import SignalSet, place_of, read_only, with_places
+from vtff_nav.relative.common.solution import AMBIGUITY_FLOAT, AMBIGUITY_HELD
+from vtff_nav.relative.kernels.arcs import find_arc_breaks, record_arcs
 
-__all__ = ["Arc", "ArcBook", "has_lock_restarted"]
+__all__ = ["ARC_BREAKS", "Arc", "ArcBook", "ArcColumns"]
 
-# Change of a geometry-free phase in a second that the ionosphere may cause, m.
-_GEOMETRY_FREE_ALLOWANCE = 0.01
-_GEOMETRY_FREE_SIGMAS = 5.0
+ARC_BREAKS = (
+    "",
+    "lock was lost",
+    "half a cycle was added",
+    "parity has become known",
+    "gap",
+    "lock time has restarted",
+    "geometry-free phase has jumped",
+)
+"""Why arcs end, in the order of the numbers of `find_arc_breaks`."""
+
+_NO_SIGNALS = SignalSet()
 
 
 @dataclass(eq=False)
@@ -30,41 +47,90 @@ class Arc:
         Number of the arc; arcs are numbered in the order of their starts.
     offset_cycles : float
         Whole cycles subtracted from the phase, so that the ambiguity in the filter is small.
-    time : GpsTime
-        Last epoch with a measurement.
-    phase, phase_variance : float
-        Single-differenced phase of that epoch, m, and its variance, m2.
-    lock_time : tuple of 2 float
-        Lock times of chief and deputy at that epoch, s.
-    half_cycles : int
-        As in `SingleDifferences`, at that epoch.
-    is_parity_known : bool
-        As in `SingleDifferences`, at that epoch.
     integer : float or None
         Ambiguity less `offset_cycles` and the receiver bias of the group, cycles; None while it is
         a real number. Half-integers occur where a receiver has lost half a cycle.
     fixed_since : GpsTime or None
         Epoch at which the integer was fixed.
-    epochs : int
-        Number of epochs with a measurement.
     """
 
     key: SignalKey
     number: int
     offset_cycles: float
-    time: GpsTime
-    phase: float
-    phase_variance: float
-    lock_time: tuple[float, float]
-    half_cycles: int
-    is_parity_known: bool
     integer: float | None = None
     fixed_since: GpsTime | None = None
-    epochs: int = 0
+
+
+@dataclass(frozen=True, eq=False)
+class ArcColumns:
+    """What the arcs of n signals and the labels of a state say of each signal, shape (n,).
+
+    Parameters
+    ----------
+    arcs : tuple of Arc
+    has_integer : ndarray of bool
+    cycles : ndarray
+        Offset, and integer where there is one, cycles.
+    phase_columns : ndarray of int64
+        Member of the ambiguity, or of the bias of the group where the arc has an integer.
+    code_columns : ndarray of int64
+        Member of the bias of the code; -1 for codes of the reference group.
+    slow_columns, offset_columns, wave_columns : ndarray of int64
+        Members of the slow error of the phase, of the position of the satellite and of the plasma's
+        wave in its ray; -1 where there is none.
+    reference_prn : ndarray of uint8
+        Satellite of the oldest integer of the group; 0 for an arc without integer.
+    reference_cycles : ndarray
+        Its offset and integer, cycles; 0 for an arc without integer.
+    pairs : ndarray of int64, shape (m, 2)
+        Rows of the first two carriers of each satellite that have integers.
+    """
+
+    arcs: tuple[Arc, ...]
+    has_integer: npt.NDArray[np.bool_]
+    cycles: FloatArray
+    phase_columns: npt.NDArray[np.int64]
+    code_columns: npt.NDArray[np.int64]
+    slow_columns: npt.NDArray[np.int64]
+    offset_columns: npt.NDArray[np.int64]
+    wave_columns: npt.NDArray[np.int64]
+    reference_prn: npt.NDArray[np.uint8]
+    reference_cycles: FloatArray
+    pairs: npt.NDArray[np.int64]
+
+    @functools.cached_property
+    def integer_cycles(self) -> FloatArray:
+        """Offset and integer of each phase, cycles; NaN without an integer."""
+        return np.where(self.has_integer, self.cycles, np.nan)
+
+    @functools.cached_property
+    def states_held(self) -> npt.NDArray[np.uint8]:
+        """State of each ambiguity, ``AMBIGUITY_*``, where none was fixed at this epoch."""
+        states = np.where(self.has_integer, AMBIGUITY_HELD, AMBIGUITY_FLOAT)
+        return read_only(states.astype(np.uint8))
+
+    @functools.cached_property
+    def fixed_since(self) -> tuple[GpsTime | None, ...]:
+        """Epoch at which each integer was fixed; None without one."""
+        return tuple(arc.fixed_since if arc.integer is not None else None for arc in self.arcs)
+
+    @functools.cached_property
+    def pair_names(self) -> tuple[npt.NDArray[np.uint8], ...]:
+        """System, number, and bands of first and second carrier of the pairs, shape (m,) each."""
+        pairs = [(self.arcs[a].key, self.arcs[b].key) for a, b in self.pairs.tolist()]
+        names = [(a.system, a.prn, a.band, b.band) for a, b in pairs]
+        columns = np.array(names, dtype=np.uint8).reshape(-1, 4).T
+        return tuple(read_only(column.copy()) for column in columns)
+
+    @functools.cached_property
+    def pair_numbers(self) -> npt.NDArray[np.uint32]:
+        """Number of the newer arc of each pair, shape (m,)."""
+        numbers = [max(self.arcs[a].number, self.arcs[b].number) for a, b in self.pairs.tolist()]
+        return read_only(np.array(numbers, dtype=np.uint32))
 
 
 class ArcBook:
-    """The arcs that go on, by signal.
+    """The arcs that go on, by signal, and their measurements at the last epoch.
 
     Parameters
     ----------
@@ -76,6 +142,17 @@ class ArcBook:
         self._longest_gap = longest_gap
         self._count = 0
         self.arcs: dict[SignalKey, Arc] = {}
+        # Columns by place: whether there is an arc, its last epoch (GPS, ns), its phase (m) and
+        # variance (m2) then, the lock times of chief and deputy (s), `half_cycles` and
+        # `is_parity_known` of `SingleDifferences`, and the number of its epochs.
+        self._is_open = np.zeros(0, dtype=bool)
+        self._times = np.zeros(0, dtype=np.int64)
+        self._numbers = np.zeros((4, 0))
+        self._half_cycles = np.zeros(0, dtype=np.int64)
+        self._is_parity_known = np.zeros(0, dtype=bool)
+        self._epochs = np.zeros(0, dtype=np.int64)
+        self._columns: tuple[SignalSet, GaussianState, int, int, ArcColumns] | None = None
+        self._changes = 0
 
     def __contains__(self, key: SignalKey) -> bool:
         """Return whether there is an arc of a signal."""
@@ -84,6 +161,27 @@ class ArcBook:
     def __getitem__(self, key: SignalKey) -> Arc:
         """Return the arc of a signal."""
         return self.arcs[key]
+
+    def _make_room(self, signals: SignalSet) -> None:
+        """Have the places of signals in all columns."""
+        if signals.largest_place < len(self._is_open):
+            return
+        self._is_open = with_places(self._is_open, signals)
+        self._times = with_places(self._times, signals)
+        self._numbers = with_places(self._numbers, signals)
+        self._half_cycles = with_places(self._half_cycles, signals)
+        self._is_parity_known = with_places(self._is_parity_known, signals)
+        self._epochs = with_places(self._epochs, signals)
+
+    def are_open(self, signals: SignalSet) -> npt.NDArray[np.bool_]:
+        """Return whether there is an arc of each signal, shape (n,)."""
+        self._make_room(signals)
+        return self._is_open[signals.places]
+
+    def epochs(self, signals: SignalSet) -> npt.NDArray[np.int64]:
+        """Return the number of epochs with a measurement in the arc of each signal, shape (n,)."""
+        self._make_room(signals)
+        return self._epochs[signals.places]
 
     def find_breaks(
         self, time: GpsTime, measured: SingleDifferences, interval: float
@@ -98,32 +196,37 @@ class ArcBook:
         interval : float
             Time since the last epoch, s.
         """
+        signals = measured.keys
+        self._make_room(signals)
+        numbers, arcs, breaks = find_arc_breaks(
+            signals.places,
+            time.nanoseconds,
+            interval,
+            measured.satellite,
+            measured.is_lock_lost,
+            measured.half_cycles,
+            measured.is_parity_known,
+            measured.lock_time,
+            measured.phase,
+            measured.phase_variance,
+            self._is_open,
+            self._times,
+            self._numbers,
+            self._half_cycles,
+            self._is_parity_known,
+        )
         reasons: dict[SignalKey, str] = {}
-        is_lock_lost, half_cycles = measured.is_lock_lost.tolist(), measured.half_cycles.tolist()
-        is_parity_known = measured.is_parity_known.tolist()
-        lock_times = measured.lock_time.T.tolist()
-        last, gap = time, 0.0
-        arcs = [self.arcs.get(key) for key in measured.keys]
-        for row, (key, arc) in enumerate(zip(measured.keys, arcs, strict=True)):
-            if arc is None:
-                continue
-            if arc.time is not last:
-                last, gap = arc.time, time - arc.time
-            if is_lock_lost[row]:
-                reasons[key] = "lock was lost"
-            elif half_cycles[row] != arc.half_cycles:
-                reasons[key] = "half a cycle was added"
-            elif is_parity_known[row] and not arc.is_parity_known:
-                reasons[key] = "parity has become known"
-            elif gap > 1.5 * interval and not _has_kept_lock(lock_times[row], gap):
-                reasons[key] = "gap"
-            elif has_lock_restarted(lock_times[row], arc.lock_time, gap):
-                reasons[key] = "lock time has restarted"
-        reasons.update(_find_geometry_free_jumps(measured, arcs, reasons))
-        if len(self.arcs) > len(arcs) - arcs.count(None):
-            present = set(measured.keys)
-            for key, arc in self.arcs.items():
-                if key not in present and time - arc.time > self._longest_gap:
+        if breaks:
+            # Jumps come after what the receivers have told.
+            for is_jump in (False, True):
+                for key, number in zip(signals, numbers.tolist(), strict=True):
+                    if number and (ARC_BREAKS[number] is ARC_BREAKS[-1]) is is_jump:
+                        reasons[key] = ARC_BREAKS[number]
+        if len(self.arcs) > arcs:
+            for key in self.arcs:
+                last = int(self._times[place_of(key)])
+                absence = (time.nanoseconds - last) / NANOSECONDS_PER_SECOND
+                if key not in signals.rows and absence > self._longest_gap:
                     reasons[key] = "not seen any more"
         return reasons
 
@@ -143,39 +246,61 @@ class ArcBook:
         """
         key = measured.keys[row]
         self._count += 1
-        phase = float(measured.phase[row])
-        wavelength = float(measured.wavelength[row])
-        arc = Arc(
-            key=key,
-            number=self._count,
-            offset_cycles=float(round((phase - expected_phase) / wavelength)),
-            time=time,
-            phase=phase,
-            phase_variance=float(measured.phase_variance[row]),
-            lock_time=(float(measured.lock_time[0, row]), float(measured.lock_time[1, row])),
-            half_cycles=int(measured.half_cycles[row]),
-            is_parity_known=bool(measured.is_parity_known[row]),
-        )
+        self._make_room(measured.keys)
+        phase = measured.phase.item(row)
+        wavelength = measured.wavelength.item(row)
+        arc = Arc(key, self._count, float(round((phase - expected_phase) / wavelength)))
+        place = place_of(key)
+        self._is_open[place], self._times[place] = True, time.nanoseconds
+        self._numbers[:2, place] = phase, measured.phase_variance[row]
+        self._numbers[2:, place] = measured.lock_time[:, row]
+        self._half_cycles[place] = measured.half_cycles[row]
+        self._is_parity_known[place] = measured.is_parity_known[row]
+        self._epochs[place] = 0
         self.arcs[key] = arc
+        self._changes += 1
         return arc
 
     def end(self, key: SignalKey) -> None:
         """Forget an arc."""
-        self.arcs.pop(key, None)
+        if self.arcs.pop(key, None) is not None:
+            self._is_open[place_of(key)] = False
+            self._changes += 1
 
     def record(self, time: GpsTime, measured: SingleDifferences) -> None:
         """Keep the measurements of an epoch, against which the next epoch is tested."""
-        phase, variance = measured.phase.tolist(), measured.phase_variance.tolist()
-        lock_times, half_cycles = measured.lock_time.T.tolist(), measured.half_cycles.tolist()
-        is_parity_known = measured.is_parity_known.tolist()
-        for row, key in enumerate(measured.keys):
-            arc = self.arcs.get(key)
-            if arc is None:
-                continue
-            arc.time, arc.phase, arc.phase_variance = time, phase[row], variance[row]
-            arc.lock_time = (lock_times[row][0], lock_times[row][1])
-            arc.is_parity_known, arc.half_cycles = is_parity_known[row], half_cycles[row]
-            arc.epochs += 1
+        self._make_room(measured.keys)
+        record_arcs(
+            measured.keys.places,
+            time.nanoseconds,
+            measured.phase,
+            measured.phase_variance,
+            measured.lock_time,
+            measured.half_cycles,
+            measured.is_parity_known,
+            self._is_open,
+            self._times,
+            self._numbers,
+            self._half_cycles,
+            self._is_parity_known,
+            self._epochs,
+        )
+
+    def is_continued_by(self, key: SignalKey, lock_time_deputy: float, half_cycles: int) -> bool:
+        """Return whether the deputy's phase of a later epoch belongs to the arc of a signal.
+
+        Parameters
+        ----------
+        key : SignalKey
+            Signal with an arc.
+        lock_time_deputy : float
+            s.
+        half_cycles : int
+            As in `SingleDifferences`, of the deputy alone.
+        """
+        place = place_of(key)
+        last = self._half_cycles.item(place) & 2
+        return lock_time_deputy >= self._numbers.item(3, place) and half_cycles == last
 
     def fixed_groups(self) -> dict[tuple[int, int, int], list[Arc]]:
         """Return the arcs with integers by `SignalKey.group`, oldest first."""
@@ -185,48 +310,63 @@ class ArcBook:
                 groups.setdefault(arc.key.group, []).append(arc)
         return groups
 
+    def has_integers(self) -> bool:
+        """Return whether any arc has an integer."""
+        return any(arc.integer is not None for arc in self.arcs.values())
 
-def _find_geometry_free_jumps(
-    measured: SingleDifferences, arcs: Sequence[Arc | None], reasons: Mapping[SignalKey, str]
-) -> dict[SignalKey, str]:
-    """Return the signals whose difference to another one of the satellite has jumped.
+    def columns(self, signals: SignalSet, state: GaussianState) -> ArcColumns:
+        """Return the columns of signals with arcs; the same object while nothing has changed.
 
-    Signals without an arc, and signals whose arcs have ended for other `reasons`, are left out.
-    """
-    jumps: dict[SignalKey, str] = {}
-    phase, variance = measured.phase.tolist(), measured.phase_variance.tolist()
-    satellite = measured.satellite.tolist()
-    for first, second in pairwise(range(len(arcs))):
-        last_a, last_b = arcs[first], arcs[second]
-        if satellite[first] != satellite[second] or last_a is None or last_b is None:
-            continue
-        a, b = measured.keys[first], measured.keys[second]
-        if a in reasons or b in reasons or last_a.time != last_b.time:
-            continue
-        jump = (phase[first] - phase[second]) - (last_a.phase - last_b.phase)
-        noise = variance[first] + variance[second] + last_a.phase_variance + last_b.phase_variance
-        if abs(jump) > _GEOMETRY_FREE_SIGMAS * math.sqrt(noise) + _GEOMETRY_FREE_ALLOWANCE:
-            jumps[a] = jumps[b] = "geometry-free phase has jumped"
-    return jumps
+        An ambiguity leaves the state when it becomes an integer, and comes back when it is given
+        up: where neither arcs nor the labels of the state have changed, no integer has.
+        """
+        known = self._columns
+        if (
+            known is None
+            or known[0] is not signals
+            or known[1] is not state
+            or known[2] != state.revision
+            or known[3] != self._changes
+        ):
+            columns = self._make_columns(signals, state)
+            known = self._columns = (signals, state, state.revision, self._changes, columns)
+        return known[4]
 
+    def _make_columns(self, signals: SignalSet, state: GaussianState) -> ArcColumns:
+        arcs = tuple(self.arcs[key] for key in signals)
+        references = {group: members[0] for group, members in self.fixed_groups().items()}
+        phases, cycles, prns, reference_cycles = [], [], [], []
+        rows_of_satellite: dict[tuple[int, int], list[int]] = {}
+        for row, (key, arc) in enumerate(zip(signals, arcs, strict=True)):
+            if arc.integer is None:
+                phases.append(state.index(("ambiguity", key)))
+                cycles.append(arc.offset_cycles)
+                prns.append(0)
+                reference_cycles.append(0.0)
+                continue
+            reference = references[key.group]
+            phases.append(state.index(("phase_bias", key.group)))
+            cycles.append(arc.offset_cycles + arc.integer)
+            prns.append(reference.key.prn)
+            reference_cycles.append((reference.integer or 0.0) + reference.offset_cycles)
+            rows_of_satellite.setdefault(key.satellite, []).append(row)
 
-def _has_kept_lock(lock_time: list[float], gap: float) -> bool:
-    """Return whether both lock times are at least as long as a gap, s."""
-    return all(value >= gap for value in lock_time)
+        def members(kind: str, names: Sequence[Hashable]) -> npt.NDArray[np.int64]:
+            found = [state.find((kind, name)) for name in names]
+            return np.array(found, dtype=np.int64)
 
-
-def has_lock_restarted(now: Iterable[float], before: Iterable[float], gap: float) -> bool:
-    """Return whether a lock time is shorter than it was, or should be by now.
-
-    Parameters
-    ----------
-    now, before : iterable of float
-        Lock times now and at the last epoch, s. Lock times that saturate do not grow; compressed
-        logs have units of 1/32 s.
-    gap : float
-        Since the last epoch, s.
-    """
-    for lock, last in zip(now, before, strict=True):
-        if lock < last and lock < last + gap - 0.1 and math.isfinite(lock):
-            return True
-    return False
+        return ArcColumns(
+            arcs=arcs,
+            has_integer=np.array([arc.integer is not None for arc in arcs], dtype=bool),
+            cycles=np.array(cycles, dtype=float),
+            phase_columns=np.array(phases, dtype=np.int64),
+            code_columns=members("code_bias", [key.group for key in signals]),
+            slow_columns=members("phase_error", signals),
+            offset_columns=members("satellite_offset", signals.satellites),
+            wave_columns=members("plasma_wave", signals.satellites),
+            reference_prn=read_only(np.array(prns, dtype=np.uint8)),
+            reference_cycles=np.array(reference_cycles, dtype=float),
+            pairs=np.array(
+                [rows[:2] for rows in rows_of_satellite.values() if len(rows) > 1], dtype=np.int64
+            ).reshape(-1, 2),
+        )

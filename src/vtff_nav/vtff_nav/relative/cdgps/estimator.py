@@ -20,7 +20,7 @@ from vtff_dynamics.constants import SPEED_OF_LIGHT
 from vtff_dynamics.frames.earth import state_itrf_to_gcrf
 from vtff_dynamics.frames.rtn import rotation_gcrf_to_rtn
 from vtff_dynamics.time.timescales import GpsTime
-from vtff_dynamics.vectors import FloatArray, cross, norm
+from vtff_dynamics.vectors import FloatArray, norm
 from vtff_gnss.constants import EARTH_ROTATION_RATE_BROADCAST
 from vtff_gnss.ephemeris import BroadcastEphemeris
 from vtff_gnss.observations import ObservationEpoch
@@ -52,16 +52,18 @@ from vtff_nav.relative.common.measurements import (
     form_single_differences,
     satellite_mask,
     satellite_numbers,
-    upper_median,
 )
 from vtff_nav.relative.common.orbit_single_point import form_combinations, solve_single_point
 from vtff_nav.relative.common.solution import (
     SOLUTION_FIXED,
     SOLUTION_PREDICTED,
+    AmbiguityTable,
+    DifferentialTecTable,
     LaserMeasurement,
     RelativeSolution,
 )
-from vtff_nav.relative.kernels.sky import north_and_east
+from vtff_nav.relative.kernels.combinations import clock_from_codes
+from vtff_nav.relative.kernels.sky import move_over_ground
 
 __all__ = ["CdgpsEstimator"]
 
@@ -78,6 +80,8 @@ _JOINT_DISTANCE = 2e4
 # The clocks with which the times of reception are computed are replaced if they are off by more, s.
 # Smaller errors are corrected well enough by the derivative of the range.
 _CLOCK_TOLERANCE = 3e-7
+
+_NO_AMBIGUITIES, _NO_DIFFERENTIAL_TEC = AmbiguityTable(), DifferentialTecTable()
 
 
 class CdgpsEstimator(EstimatorInputs):
@@ -310,11 +314,11 @@ class CdgpsEstimator(EstimatorInputs):
         self, before: FloatArray, after: FloatArray, interval: float
     ) -> FloatArray:
         """Return the geocentric angles to north and east between two positions, deg, shape (2,)."""
-        zenith, zenith_after = (position / norm(position) for position in (before, after))
-        moved = zenith_after - zenith
+        turn = 0.0
         if self.configuration.dynamics == "orbital":
-            moved -= interval * EARTH_ROTATION_RATE_BROADCAST * cross(np.eye(3)[2], zenith)
-        return np.asarray(np.degrees(north_and_east(before) @ moved))
+            turn = interval * EARTH_ROTATION_RATE_BROADCAST
+        axes, moved = move_over_ground(before, after, turn)
+        return np.asarray(np.degrees(axes @ moved))
 
     def _update(
         self,
@@ -378,10 +382,10 @@ class CdgpsEstimator(EstimatorInputs):
         )
         self._relative.expect_satellite_offsets(
             self._absolute.broadcast_sigma,
-            {key.satellite for key in measured.keys},
-            float(np.mean(seen.range)),
+            measured.keys.distinct_satellites,
+            seen.range,
         )
-        self._relative.expect_plasma_waves({key.satellite for key in measured.keys})
+        self._relative.expect_plasma_waves(measured.keys.distinct_satellites)
         update = self._relative.update(time, interval, measured, sky, laser)
         self._last_update = time
         if update.has_failed:
@@ -533,6 +537,8 @@ class CdgpsEstimator(EstimatorInputs):
             local_electron_density=density,
             local_electron_density_sigma=density_sigma,
             clock_difference=filter_.clock,
+            ambiguities=_NO_AMBIGUITIES,
+            differential_tec=_NO_DIFFERENTIAL_TEC,
             degraded=tuple(degraded),
             laser_latency=latency,
             laser_latency_sigma=latency_sigma,
@@ -560,8 +566,6 @@ def _add_update(
         degraded.append(f"ambiguities: {filter_.attempt.reason}")
     rms, squared, freedom = update.statistics
     measured, state, arcs = update.measured, filter_.state, filter_.arcs
-    count = len(measured)
-    sigmas = np.sqrt(update.innovation.variances[count : 2 * count])
     return with_columns(
         predicted,
         solution=kind,
@@ -572,7 +576,7 @@ def _add_update(
         innovation_rms=rms,
         normalised_innovation_squared=squared,
         innovation_count=freedom,
-        ambiguities=ambiguity_table(state, arcs, measured, sigmas, update.fixed),
+        ambiguities=ambiguity_table(state, arcs, measured, update.innovation, update.fixed),
         differential_tec=differential_tec_table(state, arcs, measured, update.sky),
         degraded=tuple(degraded),
         excluded=tuple(f"{key}: {reason}" for key, reason in update.excluded.items()),
@@ -600,6 +604,7 @@ def _motion(configuration: CdgpsConfiguration) -> OrbitalMotion | TerrestrialMot
 
 def _clock_from_codes(signals: SignalTable, seen: Geometry, receiver: int) -> float:
     """Return the receiver clock from the codes, s; it is in error by the ionosphere."""
-    rows = seen.columns(signals.satellite)
-    residual = signals.pseudorange - seen.range[receiver, rows] + seen.clock[receiver, rows]
-    return upper_median(residual) / SPEED_OF_LIGHT
+    clock: float = clock_from_codes(
+        seen.columns(signals.satellite), signals.pseudorange, seen.range, seen.clock, receiver
+    )
+    return clock / SPEED_OF_LIGHT

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Set
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -45,6 +45,8 @@ from vtff_nav.relative.common.solution import (
     SOLUTION_FLOAT,
     LaserMeasurement,
 )
+from vtff_nav.relative.kernels.gaussian import linear_motion
+from vtff_nav.relative.kernels.noise import common_unknowns
 from vtff_nav.relative.kernels.sky import DENSITY_UNIT
 from vtff_nav.relative.noise.acceleration import AccelerationMonitor
 from vtff_nav.relative.noise.components import SlowError
@@ -155,6 +157,30 @@ class Update:
         return rms, innovation.squared_norm, innovation.degrees_of_freedom
 
 
+@dataclass(frozen=True, eq=False)
+class _MemberColumns:
+    """Columns of a state whose labels have a revision.
+
+    Parameters
+    ----------
+    state : GaussianState
+    revision : int
+    contents, gradients : ndarray of int64
+        Contents of shells, each before its gradients, and these.
+    changed : ndarray of int64
+        Members that motion changes: its own, and the contents.
+    walking : ndarray of int64
+        Biases that walk.
+    """
+
+    state: GaussianState
+    revision: int
+    contents: npt.NDArray[np.int64]
+    gradients: npt.NDArray[np.int64]
+    changed: npt.NDArray[np.int64]
+    walking: npt.NDArray[np.int64]
+
+
 class RelativeFilter:
     """Gaussian state of the difference, the arcs of its phases and their integers.
 
@@ -223,6 +249,7 @@ class RelativeFilter:
             for label, variance in configuration.antennas.offset_variances().items():
                 self.state.add(label, 0.0, variance)
         self._attitude_variances: dict[Label, float] = {}
+        self._known_columns: _MemberColumns | None = None
 
     def expect_accelerations(self, noise: MotionNoise) -> None:
         """Have unmodelled accelerations with another a priori noise."""
@@ -306,54 +333,76 @@ class RelativeFilter:
                 if label not in state:
                     state.add(label, 0.0, sigma**2)
         self._ground_rate_deg = math.hypot(*chief_motion_deg) / interval
-        contents = self._shell_contents()
-        changed = [*range(DYNAMIC_STATES), *contents]
-        coefficients = np.zeros((len(changed), len(state)))
-        motion = coefficients[:DYNAMIC_STATES]
-        motion[:, :DYNAMIC_STATES] = predicted.transition_relative
-        if self._velocity_change > 0.0:
-            motion[:, [state.index(label) for label in thrust]] = predicted.thrust_coupling
-            attitude: list[Label] = [("attitude_error", _DEPUTY, axis) for axis in range(3)]
-            if rotation_body_to_rtn is not None and attitude[0] in state:
-                by_attitude = predicted.thrust_coupling[:, 1:] @ rotation_body_to_rtn
-                motion[:, [state.index(label) for label in attitude]] = by_attitude
-        for row, content in enumerate(contents, DYNAMIC_STATES):
-            # The content above the chief changes as the chief moves along the gradient.
-            coefficients[row, content] = 1.0
-            coefficients[row, content + 1 : content + 3] = chief_motion_deg
+        turn: list[Label] = []
+        turn_coupling = predicted.thrust_coupling[:, 1:]
+        attitude: list[Label] = [("attitude_error", _DEPUTY, axis) for axis in range(3)]
+        if thrust and rotation_body_to_rtn is not None and attitude[0] in state:
+            turn, turn_coupling = attitude, turn_coupling @ rotation_body_to_rtn
+        members = self._member_columns()
+        coefficients = linear_motion(
+            len(state),
+            predicted.transition_relative,
+            np.array([state.index(label) for label in thrust], dtype=np.int64),
+            predicted.thrust_coupling,
+            np.array([state.index(label) for label in turn], dtype=np.int64),
+            np.ascontiguousarray(turn_coupling),
+            members.contents,
+            chief_motion_deg,
+        )
         # The motion is not linear: its mean is the predicted one, but for errors of the thrust.
         predicted_change = predicted.relative - (
             predicted.transition_relative @ state.mean[:DYNAMIC_STATES]
         )
-        state.transform(changed, coefficients)
+        state.transform(members.changed, coefficients)
         state.mean[:DYNAMIC_STATES] += predicted_change
         state.covariance[:DYNAMIC_STATES, :DYNAMIC_STATES] += predicted.noise_relative
         state.predict_gauss_markov(*self._decay(interval))
-        walk = configuration.receiver_bias_walk**2 * interval
-        diagonal = np.einsum("ii->i", state.covariance)
-        diagonal[state.columns("code_bias", "phase_bias")] += walk
-        if contents:
-            power = 2.0 * self._plasma_sigma(state.labels[contents[0]]) ** 2
-            diagonal[contents] += power / configuration.electron_density_time * interval
 
-    def _shell_contents(self) -> list[int]:
-        """Return the columns of the contents of shells, each before those of its gradients."""
-        return self.state.columns("plasma_shell")[::3]
+    def _member_columns(self) -> _MemberColumns:
+        """Return the columns of members by what they are; the same object while the labels stay."""
+        state, known = self.state, self._known_columns
+        if known is not None and known.state is state and known.revision == state.revision:
+            return known
+        shells = state.column_numbers("plasma_shell")
+        contents = shells[::3].copy()
+        self._known_columns = _MemberColumns(
+            state=state,
+            revision=state.revision,
+            contents=contents,
+            gradients=np.array([c for c in shells if c not in contents], dtype=np.int64),
+            changed=np.concatenate((np.arange(DYNAMIC_STATES), contents)),
+            walking=state.column_numbers("code_bias", "phase_bias"),
+        )
+        return self._known_columns
 
-    def _decay(self, interval: float) -> tuple[FloatArray, FloatArray]:
-        """Return the decay of all members over an interval, s, and their steady variances."""
-        state = self.state
-        decay, steady = np.ones(len(state)), np.zeros(len(state))
-        for kind, process in self._process_of_kind().items():
-            columns = state.columns(kind)
+    def _decay(self, interval: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return decay, steady variance and growth of all members over an interval, s.
+
+        See `GaussianState.predict_gauss_markov`.
+        """
+        state, configuration, members = self.state, self.configuration, self._member_columns()
+        decay, steady, growth = np.ones(len(state)), np.zeros(len(state)), np.zeros(len(state))
+        processes = [
+            (state.column_numbers(kind), process)
+            for kind, process in self._process_of_kind().items()
+            if state.columns(kind)
+        ]
+        if len(members.gradients):
+            gradient = SlowError(self._gradient_sigma, configuration.plasma_gradient_time)
+            processes.append((members.gradients, gradient))
+        for index in state.columns("attitude_error", "troposphere", "plasma"):
+            single = self._process_of(state.labels[index])
+            assert single is not None
+            decay[index] = math.exp(-interval / single.correlation_time)
+            steady[index] = single.sigma**2
+        for columns, process in processes:
             decay[columns] = math.exp(-interval / process.correlation_time)
             steady[columns] = process.sigma**2
-        for index in state.columns("attitude_error", "troposphere", *PLASMA_KINDS):
-            single = self._process_of(state.labels[index])
-            if single is not None:
-                decay[index] = math.exp(-interval / single.correlation_time)
-                steady[index] = single.sigma**2
-        return decay, steady
+        growth[members.walking] = configuration.receiver_bias_walk**2 * interval
+        if len(members.contents):
+            power = 2.0 * self._plasma_sigma(state.labels[members.contents.item(0)]) ** 2
+            growth[members.contents] = power / configuration.electron_density_time * interval
+        return decay, steady, growth
 
     def _process_of_kind(self) -> dict[str, SlowError]:
         """Return the Gauss-Markov processes of kinds whose members are all alike."""
@@ -431,7 +480,8 @@ class RelativeFilter:
         degraded: list[str] = []
         received, stated = measured, self.noise.weigh(time, interval, measured)
         measured = self.scatter.add_excess(stated)
-        self._without_integers.intersection_update(measured.keys)
+        if self._without_integers:
+            self._without_integers.intersection_update(measured.keys)
         for key, reason in self.arcs.find_breaks(time, measured, interval).items():
             self._end_arc(key)
             self._without_integers.discard(key)
@@ -456,11 +506,11 @@ class RelativeFilter:
         is_phase_fault = measured.phase_variance > variance_before
         missing_variances = self.scatter.learn(time, stated, innovation, is_phase_fault)
         self._learn_waves(measured, innovation, interval)
-        before = float(np.trace(state.covariance[:3, :3]))
+        before = state.trace(3)
         position = state.mean[:3].copy()
         changes = self._phase_changes(measured, sky)
         change = state.update(innovation)
-        self._learn_thrust_noise(change[:3], before - float(np.trace(state.covariance[:3, :3])))
+        self._learn_thrust_noise(change[:3], before - state.trace(3))
         for key, variance in missing_variances.items():
             if self.arcs[key].integer is None:
                 state.add_noise(("ambiguity", key), variance)
@@ -476,7 +526,7 @@ class RelativeFilter:
             self.acceleration.learn(state.mean, state.covariance, distance, interval)
             waves = self._quiet_waves(measured)
             # Ambiguities that are not known yet take up waves.
-            if waves and self.arcs.fixed_groups():
+            if waves and self.arcs.has_integers():
                 variances = np.diagonal(state.covariance)[waves]
                 self._waves.learn(state.mean[waves], variances, distance, interval)
         update = Update(measured, sky, innovation, excluded, degraded)
@@ -489,7 +539,7 @@ class RelativeFilter:
         return update
 
     def expect_satellite_offsets(
-        self, sigma: float, satellites: set[tuple[int, int]], distance: float
+        self, sigma: float, satellites: Set[tuple[int, int]], ranges: FloatArray
     ) -> None:
         """Have errors of the positions of satellites across their rays in the state.
 
@@ -499,11 +549,14 @@ class RelativeFilter:
             m.
         satellites : set of (int, int)
             In view.
-        distance : float
-            Distance of the satellites from the antennas, m.
+        ranges : ndarray
+            Distances of the satellites from the antennas, m.
         """
         state, last = self.state, self._satellite_offset
         labels = state.labels_of("satellite_offset")
+        if not labels and sigma == 0.0:
+            return
+        distance = float(np.mean(ranges))
         state.remove([label for label in labels if label[1] not in satellites])
         if sigma * norm(state.mean[:3]) < _SMALLEST_RAY_ERROR * distance:
             # Without offsets all phases so far tell more of the motion.
@@ -521,15 +574,17 @@ class RelativeFilter:
             if ("satellite_offset", satellite) not in state:
                 state.add(("satellite_offset", satellite), 0.0, sigma**2)
 
-    def expect_plasma_waves(self, satellites: set[tuple[int, int]]) -> None:
+    def expect_plasma_waves(self, satellites: Set[tuple[int, int]]) -> None:
         """Have the content of waves in the rays of satellites in the state, where it tells."""
         state, distance = self.state, norm(self.state.mean[:3])
         is_orbital = self.configuration.dynamics == "orbital"
         if not (is_orbital and self.configuration.has_plasma and self._waves.are_felt(distance)):
-            satellites = set()
+            if not state.columns("plasma_wave"):
+                return
+            satellites = frozenset()
         present = [satellite for _, satellite in state.labels_of("plasma_wave")]
         state.remove([("plasma_wave", s) for s in present if s not in satellites])
-        for satellite in sorted(satellites.difference(present)):
+        for satellite in sorted(satellites - set(present)):
             state.add(("plasma_wave", satellite), 0.0, self._waves.sigma_tecu(distance) ** 2)
 
     def without_ambiguities(self, signals: SignalTable) -> SignalTable:
@@ -538,24 +593,27 @@ class RelativeFilter:
         Carrier ranges are NaN where the integer of the difference is not known, or not any more.
         """
         carrier_range = np.full(len(signals), np.nan)
+        flags, lock_times = signals.flags.tolist(), signals.lock_time.tolist()
         for row, number in enumerate(signals.signal.tolist()):
             key = signal_from_number(number)
-            if key not in self.arcs or (signals.flags[row] & FLAG_LOCK_LOST):
+            if key not in self.arcs or (flags[row] & FLAG_LOCK_LOST):
                 continue
             arc = self.arcs[key]
-            half_cycles = 2 * bool(signals.flags[row] & FLAG_HALF_CYCLE_ADDED)
-            is_same = signals.lock_time[row] >= arc.lock_time[1]
-            if arc.integer is not None and is_same and half_cycles == (arc.half_cycles & 2):
+            half_cycles = 2 * bool(flags[row] & FLAG_HALF_CYCLE_ADDED)
+            is_same = self.arcs.is_continued_by(key, lock_times[row], half_cycles)
+            if arc.integer is not None and is_same:
                 cycles = arc.integer + arc.offset_cycles
                 carrier_range[row] = signals.carrier_range[row] - cycles * signals.wavelength[row]
         return with_columns(signals, carrier_range=carrier_range)
 
     def _phase_changes(self, measured: SingleDifferences, sky: Sky) -> PhaseChanges:
-        excess = self.scatter.variances(measured)
+        variance = measured.phase_variance
+        if self.scatter.has_excess:
+            variance = variance + self.scatter.variances(measured)
         return PhaseChanges(
-            keys=tuple(measured.keys),
+            keys=measured.keys,
             residual=measured.phase - sky.predicted,
-            variance=measured.phase_variance + excess,
+            variance=variance,
             direction=sky.direction,
             clock_rate=sky.clock_rate,
             clock=self.clock,
@@ -583,7 +641,7 @@ class RelativeFilter:
             for key in measured.keys:
                 excluded[key] = "phases contradict each other"
                 self._end_arc(key)
-        out = self.jumps.excluded(key.satellite for key in measured.keys)
+        out = self.jumps.excluded(measured.keys.satellites)
         if not out:
             return np.arange(len(measured))
         kept = [row for row, key in enumerate(measured.keys) if key.satellite not in out]
@@ -606,7 +664,7 @@ class RelativeFilter:
     def _start_arcs(self, time: GpsTime, measured: SingleDifferences, sky: Sky) -> None:
         """Add arcs and states for signals without an arc."""
         state = self.state
-        if all(key in self.arcs for key in measured.keys):
+        if self.arcs.are_open(measured.keys).all():
             return
         clock = upper_median(measured.code - sky.predicted - code_biases(state, measured))
         for row, key in enumerate(measured.keys):
@@ -620,7 +678,7 @@ class RelativeFilter:
             expected_phase = float(sky.predicted[row] + clock)
             arc = self.arcs.start(time, measured, row, expected_phase)
             wavelength = float(measured.wavelength[row])
-            mean = arc.phase - wavelength * arc.offset_cycles - expected_phase
+            mean = measured.phase.item(row) - wavelength * arc.offset_cycles - expected_phase
             state.add(("ambiguity", key), mean, _UNKNOWN_AMBIGUITY_SIGMA**2)
             if self._slow_phase.sigma > 0.0 and ("phase_error", key) not in state:
                 state.add(("phase_error", key), 0.0, self._slow_phase.sigma**2)
@@ -666,18 +724,8 @@ class RelativeFilter:
         `received` has the variances that the receivers state; the sky is that of `clock`, m.
         """
         count = len(received)
-        groups = list(dict.fromkeys(key.group for key in received.keys))
-        common = np.zeros((count, 3 + len(groups)))
-        common[:, :3] = -sky.direction
-        columns = [3 + groups.index(key.group) for key in received.keys]
-        common[np.arange(count), columns] = 1.0
-        common[:, 3] = sky.clock_rate
-        cycles, is_continued = np.full(count, np.nan), np.zeros(count, dtype=bool)
-        for row, key in enumerate(received.keys):
-            arc = self.arcs[key]
-            is_continued[row] = arc.epochs > 1
-            if arc.integer is not None:
-                cycles[row] = arc.integer + arc.offset_cycles
+        signals = received.keys
+        arcs = self.arcs.columns(signals, self.state)
         is_scattered = self.scatter.is_scattered(received)
         if 2 * np.count_nonzero(is_scattered) > count:
             is_scattered[:] = False
@@ -698,9 +746,11 @@ class RelativeFilter:
             EpochResiduals(
                 measured=received,
                 predicted=predicted,
-                integer_cycles=cycles,
-                is_phase_continued=is_continued,
-                common=common,
+                integer_cycles=arcs.integer_cycles,
+                is_phase_continued=self.arcs.epochs(signals) > 1,
+                common=common_unknowns(
+                    sky.direction, sky.clock_rate, signals.group_rows, len(signals.groups)
+                ),
                 plasma=plasma,
                 is_code_sample=used[:count],
                 is_phase_sample=used[count : 2 * count] & ~is_scattered,
@@ -715,8 +765,8 @@ class RelativeFilter:
         state = self.state
         if not state.columns("plasma_wave"):
             return []
-        scattered = itertools.compress(measured.keys, self.scatter.is_scattered(measured).tolist())
-        out = {key.satellite for key in scattered}
+        is_scattered = self.scatter.is_scattered(measured).tolist()
+        out = set(itertools.compress(measured.keys.satellites, is_scattered))
         return [
             state.index(label) for label in state.labels_of("plasma_wave") if label[1] not in out
         ]
@@ -788,10 +838,10 @@ class RelativeFilter:
         """
         state, quiet = self.state, self.configuration.plasma_quiet_gradient_tecu_per_deg
         stated = self.configuration.plasma_gradient_sigma_tecu_per_deg
-        labels = [label for label in state.labels if label[-1] in ("north", "east")]
-        if self.arcs.fixed_groups():
-            columns = [state.index(label) for label in labels]
-            squares = state.mean[columns] ** 2 + np.diagonal(state.covariance)[columns]
+        columns = self._member_columns().gradients
+        labels = [state.labels[column] for column in columns.tolist()]
+        if self.arcs.has_integers():
+            squares = state.mean[columns] ** 2 + state.covariance.diagonal()[columns]
             total = float(squares.sum()) + _QUIET_GRADIENTS * quiet**2
             sigma = math.sqrt(total / (len(labels) + _QUIET_GRADIENTS))
         elif CHIEF_MOTION[0] in state and 0.0 < quiet < stated:
@@ -925,11 +975,11 @@ class RelativeFilter:
         """
         without_cause = search()
         is_quiet = ~self.scatter.is_scattered(measured)
-        witnesses = len(set(measured.satellite[is_quiet].tolist()))
         faulty = without_cause.count_satellites(measured, is_quiet)
-        is_scintillating = not is_quiet.all()
         if faulty < 2 and not self._is_unlikely(without_cause.innovation):
             return without_cause
+        witnesses = len(set(measured.satellite[is_quiet].tolist()))
+        is_scintillating = not is_quiet.all()
         state, is_orbital = self.state, self.configuration.dynamics == "orbital"
         for cause, variances in self._common_causes():
             is_motion = cause == _MOTION
@@ -989,13 +1039,12 @@ class RelativeFilter:
         state, configuration = self.state, self.configuration
         count = len(measured)
         is_used = innovation.is_used[count : 2 * count]
+        arcs = self.arcs.columns(measured.keys, state)
+        may_be_fixed = is_used & measured.is_parity_known & ~arcs.has_integer
         candidates = [
-            self.arcs[key]
-            for row, key in enumerate(measured.keys)
-            if is_used[row]
-            and measured.is_parity_known[row]
-            and key not in self._without_integers
-            and self._is_averaged(key, measured, row)
+            arcs.arcs[row]
+            for row in np.flatnonzero(may_be_fixed).tolist()
+            if arcs.arcs[row].key not in self._without_integers and self._is_averaged(measured, row)
         ]
         if not candidates:
             return set()
@@ -1014,19 +1063,16 @@ class RelativeFilter:
         )
         return set(self.attempt.fixed)
 
-    def _is_averaged(self, key: SignalKey, measured: SingleDifferences, row: int) -> bool:
-        """Return whether an ambiguity is float, and any scatter of its phase averaged out."""
-        arc = self.arcs[key]
-        if arc.integer is not None:
-            return False
-        if self.scatter.variance(key) == 0.0:
+    def _is_averaged(self, measured: SingleDifferences, row: int) -> bool:
+        """Return whether any scatter of the phase of a float ambiguity is averaged out."""
+        if self.scatter.variance(measured.keys[row]) == 0.0:
             return True
         epochs = epochs_to_average(
             float(measured.phase_variance[row]), float(measured.wavelength[row]), _AVERAGED_CYCLES
         )
         if self.scatter.is_common:
             epochs *= _CORRELATED_EPOCHS
-        return arc.epochs >= max(epochs, _FEWEST_EPOCHS_IN_SCATTER)
+        return self.arcs.epochs(measured.keys).item(row) >= max(epochs, _FEWEST_EPOCHS_IN_SCATTER)
 
     @property
     def _fewest_fixed(self) -> int:
@@ -1039,15 +1085,18 @@ class RelativeFilter:
         count = len(measured)
         code_used = innovation.is_used[:count]
         phase_used = innovation.is_used[count : 2 * count]
-        satellites = len(set(measured.satellite[code_used | phase_used].tolist()))
-        used = list(itertools.compress(measured.keys, phase_used.tolist()))
-        with_integer = [key for key in used if self.arcs[key].integer is not None]
+        is_used = code_used | phase_used
+        satellites = len(measured.keys.distinct_satellites)
+        if not is_used.all():
+            satellites = len(set(measured.satellite[is_used].tolist()))
+        has_integer = phase_used & self.arcs.columns(measured.keys, self.state).has_integer
+        used, integers = int(np.count_nonzero(phase_used)), int(np.count_nonzero(has_integer))
         # Most integers are lost and refused: those that are left cannot be trusted either.
-        has_collapsed = 2 * len(with_integer) < len(used) and bool(self.attempt.reason)
-        satellites_fixed = {key.satellite for key in with_integer}
-        if len(satellites_fixed) >= self._fewest_fixed and not has_collapsed:
-            return SOLUTION_FIXED, satellites, len(with_integer)
-        return (SOLUTION_FLOAT if used else SOLUTION_CODE), satellites, len(with_integer)
+        has_collapsed = 2 * integers < used and bool(self.attempt.reason)
+        with_integer = set(itertools.compress(measured.keys.satellites, has_integer.tolist()))
+        if len(with_integer) >= self._fewest_fixed and not has_collapsed:
+            return SOLUTION_FIXED, satellites, integers
+        return (SOLUTION_FLOAT if used else SOLUTION_CODE), satellites, integers
 
     def local_density(self) -> tuple[float, float]:
         """Return the electron density at the chief and its sigma, 1/m3; NaN without plasma."""
@@ -1055,8 +1104,13 @@ class RelativeFilter:
         layers = state.columns("plasma")
         if not layers:
             return math.nan, math.nan
-        variance = float(state.covariance[np.ix_(layers, layers)].sum())
-        total = float(state.mean[layers].sum())
+        span = state.span("plasma")
+        if isinstance(span, slice):
+            # A copy, so that the sum has the order of numbers that follow each other.
+            variance = float(state.covariance[span, span].copy().sum())
+        else:
+            variance = float(state.covariance[np.ix_(layers, layers)].sum())
+        total = float(state.mean[span].sum())
         return DENSITY_UNIT * total, DENSITY_UNIT * math.sqrt(variance)
 
     def laser(self, measured: LaserMeasurement | None) -> tuple[float, float, float]:

@@ -10,6 +10,7 @@ import numpy.typing as npt
 from vtff_nav.relative.cdgps.phase_scatter import SLIP_CYCLES
 from vtff_nav.relative.cdgps.state import Innovation
 from vtff_nav.relative.common.measurements import SingleDifferences
+from vtff_nav.relative.kernels.differences import find_worst_measurement
 
 __all__ = ["FaultSearch", "reject_faults"]
 
@@ -33,6 +34,8 @@ class FaultSearch:
         self, measured: SingleDifferences, is_counted: npt.NDArray[np.bool_]
     ) -> int:
         """Return how many satellites had a faulty phase among those that count, shape (n,)."""
+        if not self.faulty_phases:
+            return 0
         rows = [row for row in self.faulty_phases if is_counted[row]]
         return len(set(measured.satellite[rows].tolist()))
 
@@ -60,17 +63,14 @@ def reject_faults(
         Normalised residual against all others beyond which a measurement is a fault.
     """
     count = len(measured)
-    phases = slice(count, 2 * count)
     slip = SLIP_CYCLES * measured.wavelength
     faulty_phases: list[int] = []
     while innovation.degrees_of_freedom > 0:
         residual, variance = innovation.leave_one_out
-        normalised = np.abs(residual) / np.sqrt(variance)
-        is_slip = is_scattered & (variance[phases] < 2.0 * innovation.noise[phases])
-        is_slip &= np.abs(residual[phases]) > slip
-        normalised[phases] += np.where(is_slip, limit, 0.0)
-        worst = int(normalised.argmax())
-        if normalised[worst] <= limit:
+        worst = find_worst_measurement(
+            residual, variance, innovation.noise, is_scattered, slip, limit
+        )
+        if worst < 0:
             break
         row = worst - count
         if 0 <= row < count:

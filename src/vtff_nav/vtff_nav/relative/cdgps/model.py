@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -21,6 +22,7 @@ from vtff_nav.relative.common.antenna_correction import Attitudes
 from vtff_nav.relative.common.measurements import Geometry, SingleDifferences
 from vtff_nav.relative.common.orbit_single_point import troposphere_delay, troposphere_mapping
 from vtff_nav.relative.common.solution import LaserMeasurement
+from vtff_nav.relative.kernels.differences import model_differences
 from vtff_nav.relative.kernels.sky import sky_columns
 
 __all__ = [
@@ -35,6 +37,9 @@ __all__ = [
 
 PLASMA_KINDS = ("plasma", "plasma_shell")
 """Kinds of the members of the plasma, in the order of the columns of `Sky.plasma`."""
+
+_NO_COLUMNS = np.zeros(0, dtype=np.int64)
+_NO_DERIVATIVES = np.zeros((0, 0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,8 +59,8 @@ class Sky:
     plasma : ndarray, shape (n, layers + 3 shells)
         Differential slant content, TECU, of each layer for a density of `DENSITY_UNIT`, and of
         each shell for 1 TECU and for gradients of 1 TECU/deg to north and to east.
-    wave : ndarray
-        Slant content, TECU, for a vertical content of 1 TECU in the middle of the shells.
+    shell_ratio : float
+        Radius of the chief over that of the middle of the shells.
     elevation, azimuth : ndarray
         Direction of the satellites at the chief, rad.
     antenna_offset : ndarray, shape (n, k)
@@ -73,7 +78,7 @@ class Sky:
     direction_chief: FloatArray
     clock_rate: FloatArray
     plasma: FloatArray
-    wave: FloatArray
+    shell_ratio: float
     elevation: FloatArray
     azimuth: FloatArray
     antenna_offset: FloatArray
@@ -83,7 +88,17 @@ class Sky:
 
     def select(self, rows: npt.NDArray[np.intp]) -> Sky:
         """Return the sky of some of the single differences."""
-        return Sky(**{name: getattr(self, name)[rows] for name in self.__dataclass_fields__})
+        columns = {
+            name: getattr(self, name)[rows]
+            for name in self.__dataclass_fields__
+            if name != "shell_ratio"
+        }
+        return Sky(shell_ratio=self.shell_ratio, **columns)
+
+    @functools.cached_property
+    def wave(self) -> FloatArray:
+        """Slant content, TECU, for a vertical content of 1 TECU in the middle of the shells."""
+        return np.asarray(1.0 / np.sqrt(1.0 - (self.shell_ratio * np.cos(self.elevation)) ** 2))
 
 
 def make_sky(
@@ -112,6 +127,7 @@ def make_sky(
     height_chief, height_deputy = geodetic_from_itrf(positions_itrf)[:, 2].tolist()
     rise = height_deputy - height_chief
     columns = geometry.columns(measured.satellite)
+    radius, heights = norm(positions_itrf[0]), configuration.plasma_shell_heights
     predicted, direction, direction_chief, range_rate, ray_turn, plasma, elevation = sky_columns(
         columns,
         geometry.range,
@@ -120,10 +136,10 @@ def make_sky(
         geometry.direction,
         geometry.elevation,
         positions,
-        norm(positions_itrf[0]),
+        radius,
         rise,
         np.array(configuration.plasma_layers),
-        np.array(configuration.plasma_shell_heights),
+        np.array(heights, dtype=float),
     )
     troposphere = np.zeros(len(measured))
     if configuration.has_troposphere:
@@ -145,7 +161,7 @@ def make_sky(
         direction_chief=direction_chief,
         clock_rate=1.0 - range_rate / SPEED_OF_LIGHT,
         plasma=plasma,
-        wave=_obliquity(norm(positions_itrf[0]), elevation[0], configuration.plasma_shell_heights),
+        shell_ratio=radius / (radius + sum(heights) / max(len(heights), 1)),
         elevation=elevation[0],
         azimuth=geometry.azimuth[0, columns],
         antenna_offset=antenna_offset,
@@ -155,20 +171,11 @@ def make_sky(
     )
 
 
-def _obliquity(radius: float, elevation: FloatArray, heights: Sequence[float]) -> FloatArray:
-    """Return slant over vertical content on a shell in the middle of heights (m), shape (n,)."""
-    shell = radius + sum(heights) / max(len(heights), 1)
-    return np.asarray(1.0 / np.sqrt(1.0 - (radius / shell * np.cos(elevation)) ** 2))
-
-
 def code_biases(state: GaussianState, measured: SingleDifferences) -> FloatArray:
     """Return the estimated receiver biases of the codes, m, shape (n,)."""
-    return np.array(
-        [
-            state.value(("code_bias", key.group)) if ("code_bias", key.group) in state else 0.0
-            for key in measured.keys
-        ]
-    )
+    labels = [("code_bias", group) for group in measured.keys.groups]
+    biases = [state.value(label) if label in state else 0.0 for label in labels]
+    return np.array(biases, dtype=float)[measured.keys.group_rows]
 
 
 def measurement_innovation(
@@ -192,48 +199,71 @@ def measurement_innovation(
         Clock difference for which the sky was computed, m.
     laser : LaserMeasurement, optional
     """
-    count = len(measured)
-    size = 2 * count + (laser is not None)
-    design = np.zeros((size, len(state)))
-    code, phase = slice(0, count), slice(count, 2 * count)
-    design[code, :3] = design[phase, :3] = -sky.direction
-    if CHIEF_MOTION[0] in state:
-        # Both antennas are off by the error of the chief's position, along different rays.
-        first = state.index(CHIEF_MOTION[0])
-        position = slice(first, first + 3)
-        design[code, position] = design[phase, position] = sky.direction_chief - sky.direction
-    predicted = np.empty(size)
-    predicted[code] = predicted[phase] = sky.predicted + clock
-    _add_plasma(design, predicted, state, measured, sky)
-    _add_antennas(design, predicted, state, sky)
-    _add_troposphere(design, predicted, state, sky)
-    columns, code_columns, cycles = _bias_columns(state, arcs, measured)
-    rows = np.arange(count)
-    design[rows + count, columns] = 1.0
-    _add_ray_turn(design, predicted, state, measured, sky)
-    slow_errors = np.zeros(count)
-    for row, key in enumerate(measured.keys) if state.columns("phase_error") else ():
-        if ("phase_error", key) in state:
-            slow = state.index(("phase_error", key))
-            growth = measured.noise_growth[row]
-            design[count + row, slow] = growth
-            slow_errors[row] = growth * state.mean[slow]
-    has_bias = code_columns >= 0
-    design[rows[has_bias], code_columns[has_bias]] = 1.0
-    predicted[code] += np.where(has_bias, state.mean[code_columns], 0.0)
-    predicted[phase] += state.mean[columns] + slow_errors + cycles * measured.wavelength
-    values = np.empty(size)
-    values[code], values[phase] = measured.code, measured.phase
-    variances = np.empty(size)
-    variances[code], variances[phase] = measured.code_variance, measured.phase_variance
-    nuisance = np.zeros((size, min(count, 1)))
-    if count:
-        nuisance[code, 0] = nuisance[phase, 0] = sky.clock_rate
+    columns = arcs.columns(measured.keys, state)
+    has_plasma = ("plasma", 0) in state
+    plasma_columns = state.column_numbers(*PLASMA_KINDS) if has_plasma else _NO_COLUMNS
+    plasma_delay = -phase_plasma(measured, sky) if has_plasma else _NO_DERIVATIVES
+    all_waves = state.column_numbers("plasma_wave") if has_plasma else _NO_COLUMNS
+    antenna_columns, derivatives, totals = _antenna_errors(state, sky)
+    design, values, variances, nuisance = model_differences(
+        state.mean,
+        state.find(CHIEF_MOTION[0]),
+        sky.direction,
+        sky.direction_chief,
+        sky.predicted + clock,
+        sky.clock_rate,
+        plasma_columns,
+        plasma_delay,
+        plasma_delay @ state.mean[state.span(*PLASMA_KINDS)] if has_plasma else sky.predicted,
+        all_waves,
+        columns.wave_columns,
+        _delay_of_tecu(measured) * sky.wave if len(all_waves) else sky.ray_turn,
+        antenna_columns,
+        derivatives,
+        totals,
+        state.find(("troposphere",)),
+        sky.troposphere,
+        columns.phase_columns,
+        columns.code_columns,
+        columns.slow_columns,
+        columns.offset_columns,
+        sky.ray_turn,
+        columns.cycles,
+        measured.wavelength,
+        measured.noise_growth,
+        measured.code,
+        measured.phase,
+        measured.code_variance,
+        measured.phase_variance,
+        0 if laser is None else 1,
+    )
     if laser is not None:
-        values[-1] = laser.range
         variances[-1] = laser.range_sigma**2 + _laser_curvature(state)
-        predicted[-1] = _laser_row(design[-1], state)
-    return state.innovation(design, values - predicted, variances, nuisance)
+        values[-1] = laser.range - _laser_row(design[-1], state)
+    return state.innovation(design, values, variances, nuisance)
+
+
+def _antenna_errors(
+    state: GaussianState, sky: Sky
+) -> tuple[npt.NDArray[np.int64], FloatArray, FloatArray]:
+    """Return the members of lever arms and attitudes, derivatives, and what they lengthen by.
+
+    The derivatives, shape (n, k), are those of codes and phases alike. What lever arms and
+    attitudes lengthen these by has shape (2, n), m.
+    """
+    count = len(sky.predicted)
+    kinds = (("antenna_offset", sky.antenna_offset), ("attitude_error", sky.antenna_turn))
+    members = [(kind, derivatives) for kind, derivatives in kinds if derivatives.shape[1]]
+    if not members:
+        return _NO_COLUMNS, _NO_DERIVATIVES, _NO_DERIVATIVES
+    totals = np.zeros((2, count))
+    for row, (kind, derivatives) in enumerate(members):
+        totals[row] = derivatives @ state.mean[state.span(kind)]
+    return (
+        np.concatenate([state.column_numbers(kind) for kind, _ in members]),
+        np.concatenate([derivatives for _, derivatives in members], axis=1),
+        totals,
+    )
 
 
 def phase_plasma(measured: SingleDifferences, sky: Sky) -> FloatArray:
@@ -247,7 +277,7 @@ def phase_waves(
     """Return the derivatives of phases by the waves of m satellites, m per TECU, shape (n, m)."""
     column = {satellite: index for index, satellite in enumerate(satellites)}
     derivatives = np.zeros((len(measured), len(satellites)))
-    columns = [column[key.satellite] for key in measured.keys]
+    columns = [column[satellite] for satellite in measured.keys.satellites]
     derivatives[np.arange(len(measured)), columns] = -_delay_of_tecu(measured) * sky.wave
     return derivatives
 
@@ -255,117 +285,6 @@ def phase_waves(
 def _delay_of_tecu(measured: SingleDifferences) -> FloatArray:
     """Return the delays of codes by 1 TECU, m, shape (n,)."""
     return np.asarray(IONOSPHERIC_DELAY_CONSTANT * ELECTRONS_PER_TECU / measured.frequency_hz**2)
-
-
-def _add_plasma(
-    design: FloatArray,
-    predicted: FloatArray,
-    state: GaussianState,
-    measured: SingleDifferences,
-    sky: Sky,
-) -> None:
-    """Add the ionosphere, which delays codes and advances phases."""
-    if ("plasma", 0) not in state:
-        return
-    count = len(measured)
-    delay = -phase_plasma(measured, sky)
-    columns = state.span(*PLASMA_KINDS)
-    design[:count, columns] = delay
-    design[count : 2 * count, columns] = -delay
-    total = delay @ state.mean[columns]
-    if state.columns("plasma_wave"):
-        columns = state.columns("plasma_wave")
-        satellites = [satellite for _, satellite in state.labels_of("plasma_wave")]
-        delay = -phase_waves(measured, sky, satellites)
-        design[:count, columns] = delay
-        design[count : 2 * count, columns] = -delay
-        total += delay @ state.mean[columns]
-    predicted[:count] += total
-    predicted[count : 2 * count] -= total
-
-
-def _add_antennas(
-    design: FloatArray, predicted: FloatArray, state: GaussianState, sky: Sky
-) -> None:
-    """Add the errors of lever arms and of attitudes, which lengthen codes and phases alike."""
-    for kind, derivatives in (
-        ("antenna_offset", sky.antenna_offset),
-        ("attitude_error", sky.antenna_turn),
-    ):
-        count, members = derivatives.shape
-        if not members:
-            continue
-        columns = state.span(kind)
-        for rows in (slice(0, count), slice(count, 2 * count)):
-            design[rows, columns] = derivatives
-            predicted[rows] += derivatives @ state.mean[columns]
-
-
-def _add_troposphere(
-    design: FloatArray, predicted: FloatArray, state: GaussianState, sky: Sky
-) -> None:
-    """Add what the model of the troposphere leaves, which delays codes and phases alike."""
-    if ("troposphere",) not in state:
-        return
-    count, column = len(sky.troposphere), state.index(("troposphere",))
-    for rows in (slice(0, count), slice(count, 2 * count)):
-        design[rows, column] = sky.troposphere
-        predicted[rows] += sky.troposphere * state.mean[column]
-
-
-def _add_ray_turn(
-    design: FloatArray,
-    predicted: FloatArray,
-    state: GaussianState,
-    measured: SingleDifferences,
-    sky: Sky,
-) -> None:
-    """Add the errors of satellites across their rays, which turn these."""
-    if not state.columns("satellite_offset"):
-        return
-    count = len(measured)
-    for row, key in enumerate(measured.keys):
-        label = ("satellite_offset", key.satellite)
-        if label in state:
-            column, turn = state.index(label), sky.ray_turn[row]
-            design[[row, count + row], column] = turn
-            predicted[[row, count + row]] += turn * state.mean[column]
-
-
-def _bias_columns(
-    state: GaussianState, arcs: ArcBook, measured: SingleDifferences
-) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp], FloatArray]:
-    """Return the columns of phase and code biases, and the known cycles of the phases.
-
-    Returns
-    -------
-    columns : ndarray of intp, shape (n,)
-        Column of the ambiguity of each phase, or of the bias of its group if it has an integer.
-    code_columns : ndarray of intp, shape (n,)
-        Column of the bias of each code; -1 for codes of the reference group.
-    cycles : ndarray, shape (n,)
-        Offset and integer of each phase.
-    """
-    columns, code_columns, cycles = [], [], []
-    code_biases, phase_biases = (
-        {label[1]: state.index(label) for label in state.labels_of(kind)}
-        for kind in ("code_bias", "phase_bias")
-    )
-    for key in measured.keys:
-        arc, group = arcs[key], key.group
-        phase_cycles = arc.offset_cycles
-        if arc.integer is None:
-            columns.append(state.index(("ambiguity", key)))
-        else:
-            columns.append(phase_biases[group])
-            phase_cycles += arc.integer
-        cycles.append(phase_cycles)
-        code_columns.append(code_biases.get(group, -1))
-    return (
-        np.array(columns, dtype=np.intp),
-        np.array(code_columns, dtype=np.intp),
-        np.array(cycles),
-    )
 
 
 def _laser_row(design: FloatArray, state: GaussianState) -> float:

@@ -13,18 +13,18 @@ from __future__ import annotations
 
 import functools
 import math
-from typing import NamedTuple
+from collections.abc import Iterable
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
-from vtff_dynamics.constants import GM_EARTH, SPEED_OF_LIGHT
+from vtff_dynamics.constants import GM_EARTH, NANOSECONDS_PER_SECOND, SPEED_OF_LIGHT
 from vtff_dynamics.frames.earth import state_itrf_to_gcrf
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_dynamics.vectors import FloatArray, norm
 from vtff_gnss.observations import ObservationEpoch
 from vtff_gnss.orbits.satellite_table import SatelliteTable
-from vtff_nav.relative.cdgps.ambiguity_arcs import has_lock_restarted
 from vtff_nav.relative.cdgps.configuration import CdgpsConfiguration
 from vtff_nav.relative.cdgps.omitted_accelerations import omitted_share
 from vtff_nav.relative.cdgps.state import GaussianState, Innovation, Label
@@ -39,7 +39,12 @@ from vtff_nav.relative.common.orbit_single_point import (
     troposphere_delay,
 )
 from vtff_nav.relative.kernels.combinations import combine_receivers
-from vtff_nav.relative.kernels.orbit import orbit_measurements
+from vtff_nav.relative.kernels.differences import find_worst_measurement
+from vtff_nav.relative.kernels.orbit import (
+    find_carrier_breaks,
+    orbit_measurements,
+    record_carriers,
+)
 from vtff_nav.relative.noise.acceleration import AccelerationMonitor
 
 __all__ = [
@@ -83,28 +88,44 @@ _LARGEST_DIFFERENCE = 5.0
 # Sigmas added to position and velocity when the motion was not as predicted, m and m/s.
 _UNPREDICTED_MOTION_SIGMAS = (10.0, 1.0)
 
+_NO_PHASES, _NO_SLIPS = np.zeros(0, dtype=bool), np.zeros(0)
 
-class _Lock(NamedTuple):
-    """What a receiver said of the carriers of a combination at its last epoch.
+
+CarrierLabel = tuple[str, int, int]
+"""Kind, `satellite_number` and second band of an ambiguity of the chief."""
+
+
+@dataclass(frozen=True, eq=False)
+class _CarrierColumns:
+    """What a state says of n combinations of carriers, k of which have codes.
 
     Parameters
     ----------
-    time : GpsTime
-    half_cycles : int
-        See `Combinations.half_cycles`.
-    lock_time : tuple of float
-        s.
+    labels : list of CarrierLabel
+        Their ambiguities.
+    places : ndarray of int64, shape (n,)
+        Places in the columns of what receivers said of them.
+    ambiguities : ndarray of int64, shape (n,)
+        Members of the state; -1 where there is none.
+    range_errors : ndarray of int64, shape (k,)
+        Members of the range errors of the satellites with codes; -1 where there is none.
+    code_rows : ndarray of intp, shape (k,)
+        Rows with two carriers, whose codes are used.
+    systems : ndarray of int64
+        Systems of the satellites, increasing.
     """
 
-    time: GpsTime
-    half_cycles: int
-    lock_time: tuple[float, ...]
+    labels: list[CarrierLabel]
+    places: npt.NDArray[np.int64]
+    ambiguities: npt.NDArray[np.int64]
+    range_errors: npt.NDArray[np.int64]
+    code_rows: npt.NDArray[np.intp]
+    systems: npt.NDArray[np.int64]
 
-    def is_continued_by(self, now: _Lock) -> bool:
-        """Return whether the ambiguity is the same at a later epoch."""
-        gap = now.time - self.time
-        has_restarted = has_lock_restarted(now.lock_time, self.lock_time, gap)
-        return self.half_cycles == now.half_cycles and not has_restarted
+    @functools.cached_property
+    def are_members(self) -> bool:
+        """Whether all of them are members of the state."""
+        return bool((self.ambiguities >= 0).all() and (self.range_errors >= 0).all())
 
 
 class AbsoluteFilter:
@@ -126,7 +147,14 @@ class AbsoluteFilter:
         self.state: GaussianState | None = None
         self.clock = 0.0
         self._last_point: SinglePoint | None = None
-        self._last_seen: dict[tuple[str, int, int], _Lock] = {}
+        # Ambiguities whose carriers were seen, and their places in the columns of what the
+        # receiver said of them: last epoch (GPS, ns; -1 without), half cycles, lock times, s.
+        self._places: dict[CarrierLabel, int] = {}
+        self._seen: set[CarrierLabel] = set()
+        self._seen_times = np.full(0, -1, dtype=np.int64)
+        self._seen_half_cycles = np.zeros(0, dtype=np.int64)
+        self._seen_lock_times = np.zeros((0, 2))
+        self._columns: tuple[bytes, bytes, GaussianState, int, _CarrierColumns] | None = None
         self._failures = self._updates = 0
         self._range_sigma = self._configuration.ephemeris_sigma
         # Whether range errors are biases of codes alone.
@@ -216,7 +244,7 @@ class AbsoluteFilter:
                 covariance[:3, :3] = 1e-8 * np.eye(3)
         self.clock = point.clock / SPEED_OF_LIGHT
         self.state = GaussianState(CHIEF_MOTION, mean, covariance)
-        self._last_seen = {}
+        self._forget_carriers(list(self._seen))
         self._failures = 0
         return True
 
@@ -336,7 +364,9 @@ class AbsoluteFilter:
         measured = with_columns(measured, phase_sigma=phase_sigma)
         rows = seen.columns(measured.satellite)
         is_high = seen.elevation[0, rows] > self._mask
-        measured, rows, shares = measured.select(is_high), rows[is_high], shares[:, is_high]
+        if not is_high.all():
+            measured, rows = measured.select(is_high), rows[is_high]
+            shares = shares.compress(is_high, axis=1)
         if not len(measured):
             return
         clock = SPEED_OF_LIGHT * self.clock
@@ -344,25 +374,14 @@ class AbsoluteFilter:
         if self._configuration.has_troposphere:
             delay = troposphere_delay(self.mean[:3], seen.elevation[0, rows])
             predicted = predicted + delay
-        labels = self._ambiguities(time, measured, predicted)
+        self._follow_ambiguities(time, measured, predicted)
         may_doubt_motion = self._configuration.chief_motion != "static" and not scatter_sigma
         covariance_before: FloatArray | None = None
         for _ in range(_DETECTION_PASSES):
-            innovation, design_rows = self._innovation(
-                measured, rows, shares, seen, predicted, labels
-            )
-            normalised = np.abs(innovation.normalised)
-            while normalised.size and normalised.max() > self._configuration.fault_sigmas:
-                worst = int(normalised.argmax())
-                if innovation.degrees_of_freedom <= 0:
-                    break
-                innovation.leave_out(worst)
-                normalised = np.abs(innovation.normalised)
-            slipped = [
-                design_rows[index]
-                for index in np.flatnonzero(~innovation.is_used).tolist()
-                if index >= len(innovation.values) - len(measured)
-            ]
+            innovation = self._innovation(measured, rows, shares, seen, predicted)
+            self._leave_out_faults(innovation)
+            first_phase = len(innovation.values) - len(measured)
+            slipped = np.flatnonzero(~innovation.is_used[first_phase:]).tolist()
             if covariance_before is not None and 4 * len(slipped) > len(measured):
                 # Motion explains them no better: phases of most satellites scintillate.
                 state.covariance, covariance_before = covariance_before, None
@@ -377,10 +396,11 @@ class AbsoluteFilter:
                     sigma = _UNPREDICTED_MOTION_SIGMAS[axis // 3]
                     state.add_noise(CHIEF_MOTION[axis], sigma**2)
                 continue
+            labels = self._columns_of(measured).labels
             for row in slipped:
                 state.remove([labels[row]])
-                self._last_seen.pop(labels[row], None)
-            labels = self._ambiguities(time, measured, predicted)
+                self._forget_carriers([labels[row]])
+            self._follow_ambiguities(time, measured, predicted)
         # Phases that do not fit begin anew and fit then: codes show a state that is wrong.
         is_code_used = innovation.is_used[: len(innovation.values) - len(measured)]
         is_bad = 2 * np.count_nonzero(~is_code_used) > len(is_code_used)
@@ -391,6 +411,22 @@ class AbsoluteFilter:
         self._learn_range_sigma()
         if self._failures >= _RESTART_EPOCHS:
             self.reset()
+
+    def _leave_out_faults(self, innovation: Innovation) -> None:
+        """Leave the worst measurement out until none is a fault."""
+        while innovation.degrees_of_freedom > 0:
+            residual, variance = innovation.leave_one_out
+            worst = find_worst_measurement(
+                residual,
+                variance,
+                innovation.noise,
+                _NO_PHASES,
+                _NO_SLIPS,
+                self._configuration.fault_sigmas,
+            )
+            if worst < 0 or math.isnan(residual[worst]):
+                break
+            innovation.leave_out(worst)
 
     @property
     def _range_errors(self) -> list[Label]:
@@ -461,50 +497,126 @@ class AbsoluteFilter:
         self._offset_evidence = min(of_all - of_ranges, math.log(_QUIET_EVIDENCE))
         return of_all
 
-    def _ambiguities(
+    def _forget_carriers(self, labels: Iterable[CarrierLabel]) -> None:
+        """Forget what the receiver said of some carriers."""
+        for label in labels:
+            if label in self._seen:
+                self._seen.remove(label)
+                self._seen_times[self._places[label]] = -1
+
+    def _place_of(self, label: CarrierLabel) -> int:
+        """Return the place of carriers in the columns of what the receiver said of them."""
+        place = self._places.setdefault(label, len(self._places))
+        if place >= len(self._seen_times):
+            count = place + 32
+            self._seen_times = np.append(self._seen_times, np.full(count, -1, dtype=np.int64))
+            self._seen_half_cycles = np.append(self._seen_half_cycles, np.zeros(count, np.int64))
+            self._seen_lock_times = np.vstack((self._seen_lock_times, np.zeros((count, 2))))
+        return place
+
+    def _columns_of(self, measured: Combinations) -> _CarrierColumns:
+        """Return the columns of combinations; the same object while these and the state stay."""
+        state, known = self.state, self._columns
+        assert state is not None
+        names = (measured.satellite.tobytes(), measured.second_band.tobytes())
+        if known is not None and known[:2] == names:
+            if known[2] is state and known[3] == state.revision:
+                return known[4]
+        satellites = measured.satellite.tolist()
+        labels = [
+            ("chief_ambiguity", satellite, band)
+            for satellite, band in zip(satellites, measured.second_band.tolist(), strict=True)
+        ]
+        code_rows = np.flatnonzero(measured.second_band > 0)
+        range_errors = [state.find(("range_error", satellites[row])) for row in code_rows.tolist()]
+        columns = _CarrierColumns(
+            labels=labels,
+            places=np.array([self._place_of(label) for label in labels], dtype=np.int64),
+            ambiguities=np.array([state.find(label) for label in labels], dtype=np.int64),
+            range_errors=np.array(range_errors, dtype=np.int64),
+            code_rows=code_rows,
+            systems=np.array(sorted(set(measured.system.tolist()))),
+        )
+        self._columns = (*names, state, state.revision, columns)
+        return columns
+
+    def _follow_ambiguities(
         self, time: GpsTime, measured: Combinations, predicted: FloatArray
-    ) -> list[tuple[str, int, int]]:
-        """Return the labels of the ambiguities; add new ambiguities and remove old ones."""
+    ) -> None:
+        """Have the ambiguities of an epoch in the state, new ones where carriers have slipped.
+
+        Ambiguities that were not seen for long leave the state.
+        """
+        state, columns = self.state, self._columns_of(measured)
+        assert state is not None
+        labels, places = columns.labels, columns.places
+        is_broken = find_carrier_breaks(
+            places,
+            time.nanoseconds,
+            measured.is_lock_lost,
+            measured.half_cycles,
+            measured.lock_time,
+            self._seen_times,
+            self._seen_half_cycles,
+            self._seen_lock_times,
+        )
+        if not columns.are_members or is_broken.any():
+            self._start_ambiguities(labels, is_broken, measured, predicted)
+        self._seen.update(labels)
+        record_carriers(
+            places,
+            time.nanoseconds,
+            measured.half_cycles,
+            measured.lock_time,
+            self._seen_times,
+            self._seen_half_cycles,
+            self._seen_lock_times,
+        )
+        if len(self._seen) > len(labels):
+            self._forget_old_ambiguities(time)
+
+    def _start_ambiguities(
+        self,
+        labels: list[CarrierLabel],
+        is_broken: npt.NDArray[np.bool_],
+        measured: Combinations,
+        predicted: FloatArray,
+    ) -> None:
+        """Add ambiguities, and range errors, that are no members; start broken ones anew."""
         state = self.state
         assert state is not None
-        labels = []
         residual = measured.phase - predicted
-        for row, (satellite, band, is_lost, half_cycles, lock_time) in enumerate(
-            zip(
-                measured.satellite.tolist(),
-                measured.second_band.tolist(),
-                measured.is_lock_lost.tolist(),
-                measured.half_cycles.tolist(),
-                measured.lock_time.tolist(),
-                strict=True,
-            )
-        ):
-            label = ("chief_ambiguity", satellite, band)
-            labels.append(label)
+        for row, label in enumerate(labels):
+            _, satellite, band = label
             if band and ("range_error", satellite) not in state:
                 state.add(("range_error", satellite), 0.0, self._range_sigma**2)
-            last, lock = self._last_seen.get(label), _Lock(time, half_cycles, tuple(lock_time))
-            if last is not None and last.time < time:
-                if is_lost or not last.is_continued_by(lock):
-                    state.remove([label])
-            if label not in state:
-                if band:
-                    state.add(label, float(residual[row]), _UNKNOWN_AMBIGUITY_SIGMA**2)
-                else:
-                    # Phase less code, whose errors are the ionospheric delay and the code noise.
-                    mean = float(measured.phase[row] - measured.code[row])
-                    sigma = math.hypot(_SINGLE_FREQUENCY_DELAY_SIGMA, measured.code_sigma[row])
-                    state.add(label, mean, sigma**2)
-            self._last_seen[label] = lock
-        old = [k for k, last in self._last_seen.items() if time - last.time > _LONGEST_ARC_GAP]
+            if is_broken[row]:
+                state.remove([label])
+            if label in state:
+                continue
+            if band:
+                state.add(label, float(residual[row]), _UNKNOWN_AMBIGUITY_SIGMA**2)
+            else:
+                # Phase less code, whose errors are the ionospheric delay and the code noise.
+                mean = float(measured.phase[row] - measured.code[row])
+                sigma = math.hypot(_SINGLE_FREQUENCY_DELAY_SIGMA, measured.code_sigma[row])
+                state.add(label, mean, sigma**2)
+
+    def _forget_old_ambiguities(self, time: GpsTime) -> None:
+        """Remove ambiguities that were not seen for long."""
+        state = self.state
+        assert state is not None
+        old = []
+        for label in self._seen:
+            last = self._seen_times.item(self._places[label])
+            if (time.nanoseconds - last) / NANOSECONDS_PER_SECOND > _LONGEST_ARC_GAP:
+                old.append(label)
         if old:
             state.remove(old)
-            for label in old:
-                del self._last_seen[label]
+            self._forget_carriers(old)
             # The range error of a satellite lasts as long as its ambiguities.
-            present = {satellite for _, satellite, _ in self._last_seen}
+            present = {satellite for _, satellite, _ in self._seen}
             state.remove([label for label in self._range_errors if label[1] not in present])
-        return labels
 
     def _innovation(
         self,
@@ -513,29 +625,21 @@ class AbsoluteFilter:
         shares: FloatArray,
         seen: Geometry,
         predicted: FloatArray,
-        labels: list[tuple[str, int, int]],
-    ) -> tuple[Innovation, list[int]]:
-        """Return the innovation of codes and phases, and the row of `measured` of each.
+    ) -> Innovation:
+        """Return the innovation of codes, then phases.
 
-        Codes are used of satellites with two frequencies only; they come before the phases.
-        `shares` are those of the deputy in codes and phases, see `mean_of_receivers`.
+        Codes are used of satellites with two frequencies only. `shares` are those of the deputy in
+        codes and phases, see `mean_of_receivers`.
         """
-        state = self.state
+        state, columns = self.state, self._columns_of(measured)
         assert state is not None
-        code_rows = np.flatnonzero(measured.second_band > 0)
         design, values, variances, nuisance = orbit_measurements(
             state.mean,
             self.motion.start,
-            state.index(RELATIVE_MOTION[0]) if RELATIVE_MOTION[0] in state else -1,
-            np.array([state.index(label) for label in labels]),
-            np.array(
-                [
-                    state.index(("range_error", satellite))
-                    for satellite in measured.satellite[code_rows].tolist()
-                ],
-                dtype=np.int64,
-            ),
-            code_rows,
+            state.find(RELATIVE_MOTION[0]),
+            columns.ambiguities,
+            columns.range_errors,
+            columns.code_rows,
             rows,
             shares,
             seen.direction,
@@ -543,10 +647,9 @@ class AbsoluteFilter:
             np.array((measured.code, measured.phase)) - predicted,
             np.array((measured.code_sigma, measured.phase_sigma)),
             measured.system,
-            np.array(sorted(set(measured.system.tolist()))),
+            columns.systems,
         )
-        order = [*code_rows.tolist(), *range(len(measured))]
-        return state.innovation(design, values, variances, nuisance), order
+        return state.innovation(design, values, variances, nuisance)
 
 
 def mean_of_receivers(
@@ -581,7 +684,7 @@ def mean_of_receivers(
     if not len(of_chief):
         return chief, shares
     columns = seen.columns(chief.satellite[of_chief])
-    predicted = (seen.range - seen.clock)[:, columns]
+    predicted = (seen.range - seen.clock).take(columns, axis=1)
     code, code_sigma = chief.code.copy(), chief.code_sigma.copy()
     code[of_chief], code_sigma[of_chief], shares[0, of_chief] = combine_receivers(
         chief.code[of_chief],

@@ -6,25 +6,22 @@ import functools
 import math
 
 import numpy as np
-import numpy.typing as npt
 
 from vtff_dynamics.compiled import compiled
 from vtff_dynamics.frames.rtn import rotation_gcrf_to_rtn
-from vtff_dynamics.time.timescales import GpsTime
 from vtff_dynamics.vectors import FloatArray
 from vtff_gnss.constants import ELECTRONS_PER_TECU, IONOSPHERIC_DELAY_CONSTANT
 from vtff_gnss.signals import SignalKey
 from vtff_nav.relative.cdgps.ambiguity_arcs import ArcBook
 from vtff_nav.relative.cdgps.model import Sky
-from vtff_nav.relative.cdgps.state import GaussianState
+from vtff_nav.relative.cdgps.state import GaussianState, Innovation
 from vtff_nav.relative.common.measurements import SingleDifferences
 from vtff_nav.relative.common.solution import (
     AMBIGUITY_FIXED,
-    AMBIGUITY_FLOAT,
-    AMBIGUITY_HELD,
     AmbiguityTable,
     DifferentialTecTable,
 )
+from vtff_nav.relative.kernels.tables import tabulate_ambiguities, tabulate_differential_tec
 
 __all__ = ["ambiguity_table", "differential_tec_table", "relative_rtn"]
 
@@ -115,7 +112,7 @@ def ambiguity_table(
     state: GaussianState,
     arcs: ArcBook,
     measured: SingleDifferences,
-    sigmas: FloatArray,
+    innovation: Innovation,
     is_new: set[SignalKey],
 ) -> AmbiguityTable:
     """Return the ambiguities of the signals of an epoch.
@@ -125,43 +122,38 @@ def ambiguity_table(
     state : GaussianState
     arcs : ArcBook
     measured : SingleDifferences
-    sigmas : ndarray, shape (n,)
-        Sigmas of the innovations of the phases, m: one epoch gives a held ambiguity to this sigma.
+    innovation : Innovation
+        Innovation of n codes and n phases: one epoch gives a held ambiguity to the sigma of that of
+        its phase.
     is_new : set of SignalKey
         Signals whose integer was decided at this epoch.
     """
-    groups = arcs.fixed_groups()
-    references = {group: members[0] for group, members in groups.items()}
-    rows: list[tuple[int, float, float, int, GpsTime | None]] = []
-    columns = (measured.keys, measured.wavelength.tolist(), sigmas.tolist())
-    for key, wavelength, innovation_sigma in zip(*columns, strict=True):
-        arc = arcs[key]
-        if arc.integer is None:
-            label = ("ambiguity", key)
-            value = state.value(label) / wavelength + arc.offset_cycles
-            sigma = state.sigma(label) / wavelength
-            rows.append((0, value, sigma, AMBIGUITY_FLOAT, None))
-            continue
-        reference = references[key.group]
-        value = arc.integer + arc.offset_cycles
-        value -= (reference.integer or 0.0) + reference.offset_cycles
-        status = AMBIGUITY_FIXED if key in is_new else AMBIGUITY_HELD
-        sigma = innovation_sigma / wavelength
-        rows.append((reference.key.prn, value, sigma, status, arc.fixed_since))
-    names = _names_of(tuple(measured.keys))
-    reference_prn, cycles, sigma_cycles, states, fixed_since = (
-        zip(*rows, strict=True) if rows else ((),) * 5
+    signals, columns = measured.keys, arcs.columns(measured.keys, state)
+    cycles, sigma_cycles = tabulate_ambiguities(
+        state.mean,
+        state.covariance,
+        columns.phase_columns,
+        columns.has_integer,
+        columns.cycles,
+        columns.reference_cycles,
+        measured.wavelength,
+        innovation.variances,
     )
+    states = columns.states_held
+    if is_new:
+        states = states.copy()
+        states[[signals.rows[key] for key in is_new if key in signals.rows]] = AMBIGUITY_FIXED
+    system, prn, band, attribute = signals.name_columns
     return AmbiguityTable(
-        system=names[:, 0],
-        prn=names[:, 1],
-        band=names[:, 2],
-        attribute=names[:, 3],
-        reference_prn=np.array(reference_prn, dtype=np.uint8),
-        ambiguity_cycles=np.array(cycles, dtype=float),
-        ambiguity_sigma_cycles=np.array(sigma_cycles, dtype=float),
-        state=np.array(states, dtype=np.uint8),
-        fixed_since=fixed_since,
+        system=system,
+        prn=prn,
+        band=band,
+        attribute=attribute,
+        reference_prn=columns.reference_prn,
+        ambiguity_cycles=cycles,
+        ambiguity_sigma_cycles=sigma_cycles,
+        state=states,
+        fixed_since=columns.fixed_since,
     )
 
 
@@ -173,59 +165,38 @@ def differential_tec_table(
     The geometry-free phase less its integers is
     ``40.3 STEC (1 / f2^2 - 1 / f1^2) + beta_1 - beta_2``; the biases come from the state.
     """
-    pairs = _find_fixed_pairs(arcs, measured)
-    if not pairs:
+    columns = arcs.columns(measured.keys, state)
+    if not len(columns.pairs):
         return DifferentialTecTable()
-    values, sigmas = [], []
-    # Arithmetic on single numbers of an array takes several times as long.
-    phase, phase_variance = measured.phase.tolist(), measured.phase_variance.tolist()
-    wavelength, frequency_hz = measured.wavelength.tolist(), measured.frequency_hz.tolist()
-    mean, covariance = state.mean, state.covariance
-    for first, second in pairs:
-        total, variance = 0.0, 0.0
-        for row, sign in ((first, 1.0), (second, -1.0)):
-            arc = arcs[measured.keys[row]]
-            cycles = arc.offset_cycles + (arc.integer or 0.0)
-            total += sign * (phase[row] - wavelength[row] * cycles)
-            variance += phase_variance[row]
-        bias1 = state.index(("phase_bias", measured.keys[first].group))
-        bias2 = state.index(("phase_bias", measured.keys[second].group))
-        total -= mean.item(bias1) - mean.item(bias2)
-        variance += covariance.item(bias1, bias1) + covariance.item(bias2, bias2)
-        variance -= 2.0 * covariance.item(bias1, bias2)
-        scale = (IONOSPHERIC_DELAY_CONSTANT * ELECTRONS_PER_TECU) * (
-            frequency_hz[second] ** -2 - frequency_hz[first] ** -2
-        )
-        values.append(total / scale)
-        sigmas.append(math.sqrt(max(variance, 0.0)) / abs(scale))
-    leading = [first for first, _ in pairs]
-    names = _names_of(tuple(measured.keys))
-    keys = [(measured.keys[first], measured.keys[second]) for first, second in pairs]
+    frequencies = measured.frequency_hz[columns.pairs].tolist()
+    stec, sigma, elevation, azimuth = tabulate_differential_tec(
+        state.mean,
+        state.covariance,
+        columns.pairs,
+        np.array([_metres_per_tecu(first, second) for first, second in frequencies]),
+        columns.phase_columns,
+        columns.cycles,
+        measured.wavelength,
+        measured.phase,
+        measured.phase_variance,
+        sky.elevation,
+        sky.azimuth,
+    )
+    system, prn, band_first, band_second = columns.pair_names
     return DifferentialTecTable(
-        system=names[leading, 0],
-        prn=names[leading, 1],
-        band_first=names[leading, 2],
-        band_second=names[[second for _, second in pairs], 2],
-        stec_tecu=np.array(values),
-        stec_sigma_tecu=np.array(sigmas),
-        elevation=sky.elevation[leading],
-        azimuth=sky.azimuth[leading],
-        arc=np.array([max(arcs[a].number, arcs[b].number) for a, b in keys], dtype=np.uint32),
+        system=system,
+        prn=prn,
+        band_first=band_first,
+        band_second=band_second,
+        stec_tecu=stec,
+        stec_sigma_tecu=sigma,
+        elevation=elevation,
+        azimuth=azimuth,
+        arc=columns.pair_numbers,
     )
 
 
-@functools.lru_cache(maxsize=16)
-def _names_of(keys: tuple[SignalKey, ...]) -> npt.NDArray[np.uint8]:
-    """Return system, number, band and attribute of signals, which stay the same for minutes."""
-    names = np.array(keys, dtype=np.uint8).reshape(-1, 4)
-    names.flags.writeable = False
-    return names
-
-
-def _find_fixed_pairs(arcs: ArcBook, measured: SingleDifferences) -> list[tuple[int, int]]:
-    """Return the rows of the first two carriers of each satellite that have integers."""
-    rows_of_satellite: dict[tuple[int, int], list[int]] = {}
-    for row, key in enumerate(measured.keys):
-        if arcs[key].integer is not None:
-            rows_of_satellite.setdefault(key.satellite, []).append(row)
-    return [(rows[0], rows[1]) for rows in rows_of_satellite.values() if len(rows) > 1]
+@functools.lru_cache(maxsize=64)
+def _metres_per_tecu(first_hz: float, second_hz: float) -> float:
+    """Return what 1 TECU changes the difference of the phases of two carriers by, m."""
+    return (IONOSPHERIC_DELAY_CONSTANT * ELECTRONS_PER_TECU) * (second_hz**-2 - first_hz**-2)

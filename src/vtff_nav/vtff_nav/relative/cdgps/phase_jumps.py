@@ -12,10 +12,10 @@ import numpy.typing as npt
 from scipy.linalg import lapack
 from scipy.special import gammaincc
 
-from vtff_dynamics.constants import SPEED_OF_LIGHT
 from vtff_dynamics.vectors import FloatArray
 from vtff_gnss.signals import SignalKey
-from vtff_nav.relative.common.measurements import median
+from vtff_nav.relative.common.signal_set import SignalSet
+from vtff_nav.relative.kernels.phases import change_phases
 
 __all__ = ["JumpSearch", "PhaseChanges", "PhaseJumpDetector"]
 
@@ -46,7 +46,8 @@ class PhaseChanges:
 
     Parameters
     ----------
-    keys : tuple of SignalKey
+    keys : SignalSet
+        Any other sequence of signals becomes a set.
     residual : ndarray, shape (n,)
         Single difference of the phase less predicted range and ambiguity, m; its ambiguity is
         that of the arc, whatever it is.
@@ -60,12 +61,17 @@ class PhaseChanges:
         Clock of the deputy less that of the chief, s.
     """
 
-    keys: tuple[SignalKey, ...]
+    keys: SignalSet
     residual: FloatArray
     variance: FloatArray
     direction: FloatArray
     clock_rate: FloatArray
     clock: float
+
+    def __post_init__(self) -> None:
+        """Have the signals as a set."""
+        if not isinstance(self.keys, SignalSet):
+            object.__setattr__(self, "keys", SignalSet(self.keys))
 
 
 @dataclass(frozen=True)
@@ -105,7 +111,7 @@ class PhaseJumpDetector:
         sigma = _REST_SIGMA if is_static else _MOTION_SIGMA
         self._motion_sigma = sigma
         self._last_clock = 0.0
-        self._last_keys: tuple[SignalKey, ...] = ()
+        self._last_keys = SignalSet()
         self._last_residual, self._last_variance = np.zeros(0), np.zeros(0)
         self._epochs_out: dict[tuple[int, int], int] = {}
 
@@ -125,19 +131,25 @@ class PhaseJumpDetector:
         rows, last_rows = self._find_common(changes.keys)
         if not len(rows) or interval > _LONGEST_INTERVAL:
             return JumpSearch()
-        change = changes.residual[rows] - self._last_residual[last_rows]
-        # The clock may have jumped by any number of metres, which a square would not forgive.
-        change = change - median(change)
-        variance = changes.variance[rows] + self._last_variance[last_rows]
-        variance = variance + (_CHANGE_SIGMA**2 + (_CHANGE_RATE_SIGMA * interval) ** 2)
-        satellites = [changes.keys[row].satellite for row in rows.tolist()]
-        rate = SPEED_OF_LIGHT * (changes.clock_rate[rows] - 1.0)
-        design = np.empty((len(rows), 5))
-        design[:, :3], design[:, 3], design[:, 4] = -changes.direction[rows], 1.0, rate
+        further = _CHANGE_SIGMA**2 + (_CHANGE_RATE_SIGMA * interval) ** 2
+        change, variance, design, weighted = change_phases(
+            rows,
+            last_rows,
+            changes.residual,
+            self._last_residual,
+            changes.variance,
+            self._last_variance,
+            changes.direction,
+            changes.clock_rate,
+            further,
+        )
         # Where a clock has jumped, the time of reception is in doubt by as much.
         jump = max(abs(changes.clock - self._last_clock), _TIME_SIGMA)
         sigmas = np.array([self._motion_sigma] * 3 + [_CLOCK_SIGMA, jump])
-        result = self._find(_SatelliteSums(satellites, design, change, variance, sigmas))
+        signals = changes.keys
+        if len(rows) < len(signals):
+            signals = signals.select(rows)
+        result = self._find(_SatelliteSums(signals, design, weighted, change, variance, sigmas))
         for satellite in result.satellites:
             self._epochs_out[satellite] = self._epochs_of_absence
         return result
@@ -157,27 +169,31 @@ class PhaseJumpDetector:
             Signals that were used in the update.
         """
         self._last_clock = changes.clock
-        self._last_keys = tuple(itertools.compress(changes.keys, used.tolist()))
-        self._last_residual = (changes.residual + correction)[used]
-        self._last_variance = changes.variance[used]
+        self._last_keys = changes.keys
+        self._last_residual = changes.residual + correction
+        self._last_variance = changes.variance
+        if not used.all():
+            self._keep(np.flatnonzero(used))
+
+    def _keep(self, rows: npt.NDArray[np.intp]) -> None:
+        """Keep some of the residuals only."""
+        self._last_keys = self._last_keys.select(rows)
+        self._last_residual = self._last_residual[rows]
+        self._last_variance = self._last_variance[rows]
 
     def forget(self, keys: Iterable[SignalKey]) -> None:
         """Forget signals whose arc has ended."""
-        ended = set(keys)
-        if not ended.isdisjoint(self._last_keys):
-            kept = np.array([key not in ended for key in self._last_keys])
-            self._last_keys = tuple(itertools.compress(self._last_keys, kept.tolist()))
-            self._last_residual = self._last_residual[kept]
-            self._last_variance = self._last_variance[kept]
+        ended = self._last_keys.rows.keys() & set(keys)
+        if ended:
+            kept = [row for key, row in self._last_keys.rows.items() if key not in ended]
+            self._keep(np.array(kept, dtype=np.intp))
 
-    def _find_common(
-        self, keys: tuple[SignalKey, ...]
-    ) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
-        """Return the rows of the signals that the last epoch had too, there and here."""
+    def _find_common(self, keys: SignalSet) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
+        """Return the rows of the signals that the last epoch had too, here and there."""
         if keys == self._last_keys:
             rows = np.arange(len(keys))
             return rows, rows
-        last_row = {key: row for row, key in enumerate(self._last_keys)}
+        last_row = self._last_keys.rows
         found = [row for row, key in enumerate(keys) if key in last_row]
         last = [last_row[keys[row]] for row in found]
         return np.array(found, dtype=np.intp), np.array(last, dtype=np.intp)
@@ -206,20 +222,22 @@ class PhaseJumpDetector:
 class _SatelliteSums:
     """Normal equations of the changes, one share for each satellite.
 
-    `design` has the columns motion (3), clock and time of reception; `sigmas` are a priori.
+    `design` and `weighted`, which is over the variance, have the columns motion (3), clock and time
+    of reception; `sigmas` are a priori.
     """
 
     def __init__(
         self,
-        satellites: list[tuple[int, int]],
+        signals: SignalSet,
         design: FloatArray,
+        weighted: FloatArray,
         change: FloatArray,
         variance: FloatArray,
         sigmas: FloatArray,
     ) -> None:
-        self.names = sorted(set(satellites))
-        self._satellites, self._design, self._change = satellites, design, change
-        self._variance, self._weighted = variance, design / variance[:, None]
+        self.names = signals.ordered_satellites
+        self._signals, self._design, self._change = signals, design, change
+        self._variance, self._weighted = variance, weighted
         self._prior = 1.0 / sigmas**2
         # Unknowns that the satellites have to tell; the others are known well enough.
         self._unknowns = 1 + 3 * int(sigmas[0] > 1.0) + int(sigmas[4] > _TIME_SIGMA)
@@ -227,7 +245,7 @@ class _SatelliteSums:
     @functools.cached_property
     def _shares(self) -> tuple[FloatArray, FloatArray, FloatArray, npt.NDArray[np.intp]]:
         """Matrices, right sides, sums of squares and numbers of signals of each satellite."""
-        index = np.array([self.names.index(satellite) for satellite in self._satellites])
+        index = self._signals.satellite_rows
         count, unknowns = len(self.names), self._design.shape[1]
         normal = np.zeros((count, unknowns, unknowns))
         right, square = np.zeros((count, unknowns)), np.zeros(count)

@@ -18,29 +18,27 @@ Electron. Syst. 46, 1844, for slips in scintillation).
 
 from __future__ import annotations
 
-import dataclasses
 import math
+from collections.abc import Iterable
 
 import numpy as np
 import numpy.typing as npt
 
+from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_dynamics.vectors import FloatArray
 from vtff_gnss.signals import SignalKey
 from vtff_nav.relative.cdgps.state import Innovation
 from vtff_nav.relative.common.columns import with_columns
 from vtff_nav.relative.common.measurements import SingleDifferences
+from vtff_nav.relative.common.signal_set import SignalSet, place_of, with_places
+from vtff_nav.relative.kernels.phases import MEMORY_EPOCHS, forget_scatter, learn_scatter
 
 __all__ = ["SLIP_CYCLES", "PhaseScatter", "SlipRate", "epochs_to_average"]
 
 SLIP_CYCLES = 0.25
 """A larger residual is nearer to a slip, of half a cycle at least, than to no slip."""
 
-# Epochs over which a variance is averaged: the error of the mean is a third of it.
-_MEMORY_EPOCHS = 10
-# The stated variance is not believed if the mean of so many normalised squares is larger. Without
-# scatter the probability of that is less than 1e-4.
-_LARGEST_MEAN_SQUARE = 4.0
 # The scatter of a signal that was not seen for longer (s) is forgotten.
 _LONGEST_ABSENCE = 60.0
 # The excess of a signal is known for so long, s, and so many known ones tell of the others.
@@ -48,58 +46,6 @@ _KNOWN_TIME, _FEWEST_KNOWN = 10.0, 2
 # Time over which slips are counted, s; phases times seconds that a rate needs at least; and the
 # rate up to which a slip is rare enough to be found alone, 1/s.
 _SLIP_MEMORY, _LEAST_EXPOSURE, _RARE_SLIPS = 30.0, 30.0, 0.02
-
-
-@dataclasses.dataclass
-class _Signal:
-    """Scatter of the phase of a signal.
-
-    Parameters
-    ----------
-    last_seen : GpsTime
-    last_known : GpsTime or None
-        Last epoch with a precise residual.
-    variance : float
-        Excess over the stated variance, m2.
-    mean_square : float
-        Mean of half the squared differences of successive residuals over the stated variance.
-    residual : float
-        Residual of the last epoch, m; NaN if it was too imprecise.
-    """
-
-    last_seen: GpsTime
-    last_known: GpsTime | None = None
-    variance: float = 0.0
-    mean_square: float = 1.0
-    residual: float = math.nan
-
-    def add_residual(self, residual: float, stated: float, is_fault: bool) -> None:
-        """Update the variance with the residual of an epoch.
-
-        Parameters
-        ----------
-        residual : float
-            m.
-        stated : float
-            Variance that the receivers state, m2.
-        is_fault : bool
-            Whether the phase did not fit with the variance used so far.
-        """
-        # Successive differences (von Neumann 1941) leave out motion or plasma that was not
-        # predicted: both change the residuals slowly.
-        square = 0.5 * (residual - self.residual) ** 2
-        self.residual = residual
-        if math.isfinite(square):
-            self.mean_square += (square / stated - self.mean_square) / _MEMORY_EPOCHS
-        if is_fault:
-            self.variance = max(self.variance, residual**2 - stated)
-        elif self.variance > 0.0 and math.isfinite(square):
-            self.variance += (square - stated - self.variance) / _MEMORY_EPOCHS
-        elif self.mean_square > _LARGEST_MEAN_SQUARE:
-            self.variance = (self.mean_square - 1.0) * stated
-        # An excess below the stated variance is not more than the error of its estimate.
-        if 0.0 < self.variance < stated:
-            self.variance, self.mean_square = 0.0, 1.0
 
 
 class PhaseScatter:
@@ -114,11 +60,25 @@ class PhaseScatter:
 
     def __init__(self, is_orbital: bool = False) -> None:
         self._is_orbital = is_orbital
-        self._signals: dict[SignalKey, _Signal] = {}
+        # Signals that are known, in the order in which they were first seen, and their places.
+        self._signals: dict[SignalKey, int] = {}
+        self._places = np.zeros(0, dtype=np.int64)
+        # By place: see `learn_scatter`.
+        self._seen_times = np.full(0, -1, dtype=np.int64)
+        self._known_times = np.full(0, -1, dtype=np.int64)
+        self._numbers = np.zeros((3, 0))
         # Excess of signals whose own cannot be seen, m2.
         self._unseen = 0.0
         # Without scintillation no signal has an excess.
         self._has_excess = False
+
+    def _make_room(self, signals: SignalSet) -> None:
+        """Have the places of signals in all columns."""
+        if signals.largest_place < len(self._seen_times):
+            return
+        self._seen_times = with_places(self._seen_times, signals, -1)
+        self._known_times = with_places(self._known_times, signals, -1)
+        self._numbers = with_places(self._numbers, signals)
 
     @property
     def is_common(self) -> bool:
@@ -130,19 +90,28 @@ class PhaseScatter:
         """Sigma of the scatter of most signals, m; 0 unless most scintillate."""
         return math.sqrt(self._unseen)
 
+    @property
+    def has_excess(self) -> bool:
+        """Whether any phase is noisier than stated."""
+        return self._has_excess
+
     def variance(self, key: SignalKey) -> float:
         """Return the excess variance of the single-differenced phase of a signal, m2."""
-        signal = self._signals.get(key)
-        return 0.0 if signal is None else signal.variance
+        place = self._signals.get(key)
+        return 0.0 if place is None else self._numbers.item(0, place)
 
     def variances(self, measured: SingleDifferences) -> FloatArray:
         """Return the excess variances of all phases, m2, shape (n,)."""
         if not self._has_excess:
             return np.zeros(len(measured))
-        return np.array([self.variance(key) for key in measured.keys])
+        self._make_room(measured.keys)
+        variances: FloatArray = self._numbers[0, measured.keys.places]
+        return variances
 
     def is_scattered(self, measured: SingleDifferences) -> npt.NDArray[np.bool_]:
         """Return whether each phase is noisier than stated, shape (n,)."""
+        if not self._has_excess:
+            return np.zeros(len(measured), dtype=bool)
         return self.variances(measured) > 0.0
 
     def add_excess(self, measured: SingleDifferences) -> SingleDifferences:
@@ -177,51 +146,54 @@ class PhaseScatter:
             Signals whose excess variance has been too small so far, and the missing variance, m2.
             Ambiguities that were estimated from their phases are less certain by it.
         """
-        risen: dict[SignalKey, float] = {}
-        count = len(stated)
-        phases = slice(count, 2 * count)
-        all_residuals, all_variances = innovation.leave_one_out
-        variance = all_variances[phases]
-        # The residual is precise if the noise of the phase itself is most of its variance. It is
-        # not with ambiguities that are still unknown.
-        is_precise = variance < 2.0 * innovation.noise[phases]
-        is_precise &= innovation.is_used[phases]
-        columns = (all_residuals[phases], stated.phase_variance, is_phase_fault, is_precise)
-        rows = zip(*(column.tolist() for column in columns), strict=True)
+        signals = stated.keys
+        self._make_room(signals)
+        residual, variance = innovation.leave_one_out
         if self._unseen > 0.0:
-            self._follow_unseen(stated, all_residuals[phases], variance, ~is_precise)
-        for key, (residual, white, is_fault, is_known) in zip(stated.keys, rows, strict=True):
-            signal = self._signals.get(key)
-            if signal is None:
-                signal = self._signals[key] = _Signal(time)
-            signal.last_seen = time
-            if not is_known:
-                signal.residual = math.nan
-                if signal.variance < self._unseen:
-                    risen[key] = self._unseen - signal.variance
-                    signal.variance = self._unseen
-                continue
-            before, signal.last_known = signal.variance, time
-            signal.add_residual(residual, white, is_fault)
-            if signal.variance > before and (is_fault or before == 0.0):
-                risen[key] = signal.variance - before
-        for key in [
-            key
-            for key, signal in self._signals.items()
-            if signal.last_seen is not time and time - signal.last_seen > _LONGEST_ABSENCE
-        ]:
-            del self._signals[key]
-        self._has_excess = any(signal.variance > 0.0 for signal in self._signals.values())
+            phases = slice(len(stated), 2 * len(stated))
+            is_precise = variance[phases] < 2.0 * innovation.noise[phases]
+            is_precise &= innovation.is_used[phases]
+            self._follow_unseen(stated, residual[phases], variance[phases], ~is_precise)
+        missing, new = learn_scatter(
+            signals.places,
+            time.nanoseconds,
+            residual,
+            variance,
+            innovation.noise,
+            stated.phase_variance,
+            innovation.is_used,
+            is_phase_fault,
+            self._unseen,
+            2.0,
+            self._seen_times,
+            self._known_times,
+            self._numbers,
+        )
+        if new:
+            self._know_signals({**self._signals, **dict.fromkeys(signals, 0)})
+        forgotten, self._has_excess = forget_scatter(
+            self._places, time.nanoseconds, _LONGEST_ABSENCE, self._seen_times, self._numbers
+        )
+        if forgotten:
+            self._know_signals(
+                key for key, place in self._signals.items() if self._seen_times[place] >= 0
+            )
         if self._is_orbital and (self._has_excess or self._unseen > 0.0):
             self._expect_unseen(time)
-        return risen
+        return {key: value for key, value in zip(signals, missing.tolist(), strict=True) if value}
+
+    def _know_signals(self, signals: Iterable[SignalKey]) -> None:
+        """Have signals and their places."""
+        self._signals = {key: place_of(key) for key in signals}
+        self._places = np.array(list(self._signals.values()), dtype=np.int64)
 
     def _expect_unseen(self, time: GpsTime) -> None:
         """Set the excess of signals whose own cannot be seen to the mean of the others."""
+        known_times, variances = self._known_times[self._places], self._numbers[0, self._places]
         known = [
-            signal.variance
-            for signal in self._signals.values()
-            if signal.last_known is not None and time - signal.last_known <= _KNOWN_TIME
+            variance
+            for last, variance in zip(known_times.tolist(), variances.tolist(), strict=True)
+            if last >= 0 and (time.nanoseconds - last) / NANOSECONDS_PER_SECOND <= _KNOWN_TIME
         ]
         excess = [variance for variance in known if variance > 0.0]
         if len(known) >= _FEWEST_KNOWN:
@@ -243,10 +215,9 @@ class PhaseScatter:
         if not is_sample.any():
             return
         mean_square = float(np.mean(residual[is_sample] ** 2 / variance[is_sample]))
-        factor = 1.0 + min(mean_square - 1.0, 1.0) / _MEMORY_EPOCHS
+        factor = 1.0 + min(mean_square - 1.0, 1.0) / MEMORY_EPOCHS
         self._unseen *= factor
-        for row in np.flatnonzero(is_sample).tolist():
-            self._signals[stated.keys[row]].variance *= factor
+        self._numbers[0, stated.keys.places[is_sample]] *= factor
 
 
 class SlipRate:

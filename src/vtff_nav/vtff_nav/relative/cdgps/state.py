@@ -16,6 +16,14 @@ import numpy.typing as npt
 from scipy.linalg import lapack
 
 from vtff_dynamics.vectors import FloatArray
+from vtff_nav.relative.kernels.differences import leave_one_out
+from vtff_nav.relative.kernels.gaussian import (
+    decay_members,
+    replace_members,
+    symmetric_mean,
+    symmetric_of_upper,
+    without_nuisance,
+)
 
 __all__ = ["GaussianState", "Innovation", "Label"]
 
@@ -56,6 +64,7 @@ class Innovation:
     nuisance_gain: FloatArray
     is_used: npt.NDArray[np.bool_]
     _leave_one_out: tuple[FloatArray, FloatArray] | None = field(default=None, init=False)
+    _squared_norm: float | None = field(default=None, init=False)
 
     @property
     def normalised(self) -> FloatArray:
@@ -76,16 +85,15 @@ class Innovation:
         """
         if self._leave_one_out is not None:
             return self._leave_one_out
-        diagonal = np.diagonal(self.weight)
-        is_tested = self.is_used & (diagonal > 1e-6 / self.variances)
-        scale = np.where(is_tested, diagonal, 1.0)
-        residual = np.where(is_tested, (self.weight @ self.values) / scale, 0.0)
-        self._leave_one_out = residual, np.where(is_tested, 1.0 / scale, np.inf)
-        return self._leave_one_out
+        found: tuple[FloatArray, FloatArray] = leave_one_out(
+            self.weight, self.weight @ self.values, self.variances, self.is_used
+        )
+        self._leave_one_out = found
+        return found
 
     def add_noise(self, index: int, variance: float) -> None:
         """Add a variance to the noise of a measurement."""
-        self._leave_one_out = None
+        self._leave_one_out = self._squared_norm = None
         column = self.weight[:, index].copy()
         self.weight -= np.outer(column, column / (1.0 / variance + column[index]))
         self.noise[index] += variance
@@ -93,7 +101,7 @@ class Innovation:
 
     def leave_out(self, index: int) -> None:
         """Leave a measurement out, as if it had not been made."""
-        self._leave_one_out = None
+        self._leave_one_out = self._squared_norm = None
         column = self.weight[:, index].copy()
         self.weight -= np.outer(column, column / column[index])
         self.weight[index, :] = 0.0
@@ -103,7 +111,9 @@ class Innovation:
     @property
     def squared_norm(self) -> float:
         """Normalised innovation squared v' S^-1 v: chi-square with `degrees_of_freedom`."""
-        return float(self.values @ self.weight @ self.values)
+        if self._squared_norm is None:
+            self._squared_norm = float(self.values @ self.weight @ self.values)
+        return self._squared_norm
 
     @property
     def degrees_of_freedom(self) -> int:
@@ -125,13 +135,17 @@ class GaussianState:
         self, labels: Sequence[Label], mean: npt.ArrayLike, covariance: npt.ArrayLike
     ) -> None:
         self.labels = list(labels)
+        #: Changes whenever the labels do.
+        self.revision = 0
         self.mean: FloatArray = np.array(mean, dtype=float)
         self.covariance: FloatArray = np.array(covariance, dtype=float)
         self._number_labels()
 
     def _number_labels(self) -> None:
+        self.revision += 1
         self._index_of = {label: index for index, label in enumerate(self.labels)}
         self._columns_of: dict[tuple[str, ...], list[int]] = {}
+        self._numbers_of: dict[tuple[str, ...], npt.NDArray[np.int64]] = {}
 
     def __len__(self) -> int:
         """Return the number of members."""
@@ -145,6 +159,10 @@ class GaussianState:
         """Return the index of a member in mean and covariance."""
         return self._index_of[label]
 
+    def find(self, label: Label) -> int:
+        """Return the index of a member in mean and covariance; -1 if there is none."""
+        return self._index_of.get(label, -1)
+
     def columns(self, *kinds: str) -> list[int]:
         """Return the indices of all members of some kinds, in their order."""
         columns = self._columns_of.get(kinds)
@@ -152,6 +170,13 @@ class GaussianState:
             columns = [index for index, label in enumerate(self.labels) if label[0] in kinds]
             self._columns_of[kinds] = columns
         return columns
+
+    def column_numbers(self, *kinds: str) -> npt.NDArray[np.int64]:
+        """Return `columns` as an array; the same object while the labels stay."""
+        numbers = self._numbers_of.get(kinds)
+        if numbers is None:
+            numbers = self._numbers_of[kinds] = np.array(self.columns(*kinds), dtype=np.int64)
+        return numbers
 
     def span(self, *kinds: str) -> slice | list[int]:
         """Return the indices of all members of some kinds: a slice, if they follow each other."""
@@ -167,6 +192,10 @@ class GaussianState:
     def value(self, label: Label) -> float:
         """Return the mean of a member."""
         return self.mean.item(self._index_of[label])
+
+    def trace(self, count: int) -> float:
+        """Return the sum of the variances of the first members."""
+        return sum(self.covariance.item(i, i) for i in range(count))
 
     def sigma(self, label: Label) -> float:
         """Return the sigma of a member."""
@@ -184,6 +213,8 @@ class GaussianState:
         self.labels.append(label)
         self._index_of[label] = size
         self._columns_of.clear()
+        self._numbers_of.clear()
+        self.revision += 1
 
     def add_copy(self, label: Label, original: Label, offset: float) -> None:
         """Add a member that is another one and a constant."""
@@ -254,25 +285,29 @@ class GaussianState:
         covariance[:, block] = covariance[:, block] @ transition.T
         covariance[block, block] += noise
 
-    def transform(self, columns: Sequence[int], coefficients: FloatArray) -> None:
+    def transform(self, columns: npt.ArrayLike, coefficients: FloatArray) -> None:
         """Replace some members by linear functions of all of them.
 
         Parameters
         ----------
-        columns : sequence of int
-            Indices of the k members.
+        columns : array_like of int, shape (k,)
+            Indices of the members.
         coefficients : ndarray, shape (k, n)
             Their derivatives by the n members.
         """
-        rows = np.asarray(columns)
-        covariance = self.covariance
-        changed = coefficients @ covariance
-        covariance[rows] = changed
-        covariance[:, rows] = changed.T
-        covariance[rows[:, None], rows] = changed @ coefficients.T
-        self.mean[rows] = coefficients @ self.mean
+        changed = coefficients @ self.covariance
+        replace_members(
+            self.mean,
+            self.covariance,
+            np.asarray(columns, dtype=np.int64),
+            coefficients @ self.mean,
+            changed,
+            changed @ coefficients.T,
+        )
 
-    def predict_gauss_markov(self, decay: FloatArray, steady_variance: FloatArray) -> None:
+    def predict_gauss_markov(
+        self, decay: FloatArray, steady_variance: FloatArray, growth: FloatArray
+    ) -> None:
         """Propagate all members as first-order Gauss-Markov processes of zero mean.
 
         Parameters
@@ -281,10 +316,10 @@ class GaussianState:
             Factors of the means over the step, exp(-step / correlation time); 1 for constants.
         steady_variance : ndarray, shape (n,)
             Variances that are reached without measurements.
+        growth : ndarray, shape (n,)
+            What the variances of members that walk grow by.
         """
-        self.mean *= decay
-        self.covariance *= decay[:, None] * decay
-        self.covariance.flat[:: len(self) + 1] += (1.0 - decay**2) * steady_variance
+        decay_members(self.mean, self.covariance, decay, steady_variance, growth)
 
     def add_noise(self, label: Label, variance: float) -> None:
         """Add a variance to a member: process noise of a random walk."""
@@ -396,28 +431,28 @@ class GaussianState:
         """
         cross = self.covariance @ design.T
         covariance = design @ cross
-        covariance.flat[:: len(values) + 1] += variances
+        covariance.reshape(-1)[:: len(values) + 1] += variances
         factor, info = lapack.dpotrf(covariance, lower=1)
         if info != 0:
             raise ValueError("the innovation covariance is not positive definite")
         inverse, _ = lapack.dpotri(factor, lower=1)
-        # LAPACK fills only the lower half.
-        weight = inverse + inverse.T
-        weight.flat[:: len(values) + 1] *= 0.5
+        # LAPACK fills only the lower half, in the order of Fortran.
+        weight = symmetric_of_upper(inverse.T)
         if nuisance.shape[1]:
             weighted = weight @ nuisance
             normal = nuisance.T @ weighted
             if not min(normal.diagonal().tolist()) > 0.0:
                 raise ValueError("a nuisance parameter has no measurement")
-            # `numpy.linalg.inv` takes ten times as long on the usual single nuisance parameter.
-            inverse_normal = 1.0 / normal if len(normal) == 1 else np.linalg.inv(normal)
-            gain = inverse_normal @ weighted.T
-            weight = weight - weighted @ gain
+            if len(normal) == 1:
+                gain = without_nuisance(weight, weighted, normal.item())
+            else:
+                gain = np.linalg.inv(normal) @ weighted.T
+                weight = weight - weighted @ gain
         else:
             gain = np.zeros((0, len(values)))
         return Innovation(
             values=values,
-            variances=np.diagonal(covariance).copy(),
+            variances=covariance.diagonal().copy(),
             design=design,
             noise=np.array(variances),
             weight=weight,
@@ -436,7 +471,7 @@ class GaussianState:
         change: FloatArray = gain @ innovation.values
         self.mean += change
         remainder = -gain @ innovation.design
-        remainder.flat[:: len(self) + 1] += 1.0
+        remainder.reshape(-1)[:: len(self) + 1] += 1.0
         noise = (gain * innovation.noise) @ gain.T
         self._set_covariance(remainder @ self.covariance @ remainder.T + noise)
         return change
@@ -457,4 +492,4 @@ class GaussianState:
         self._set_covariance(remainder @ self.covariance @ remainder.T)
 
     def _set_covariance(self, covariance: FloatArray) -> None:
-        self.covariance = 0.5 * (covariance + covariance.T)
+        self.covariance = symmetric_mean(covariance)

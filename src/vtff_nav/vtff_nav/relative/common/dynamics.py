@@ -8,6 +8,7 @@ accelerations are in the chief's RTN axes.
 
 from __future__ import annotations
 
+import functools
 import itertools
 import math
 from collections.abc import Sequence
@@ -16,6 +17,7 @@ from typing import Literal
 
 import numpy as np
 
+from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
 from vtff_dynamics.frames.earth import rotation_gcrf_to_itrf, state_gcrf_to_itrf
 from vtff_dynamics.frames.rtn import rotation_gcrf_to_rtn
 from vtff_dynamics.orbit.force_model import ForceModel
@@ -24,7 +26,7 @@ from vtff_dynamics.orbit.propagator import INTEGRATORS, Propagator
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_dynamics.vectors import FloatArray, norm, skew
 from vtff_nav.relative.kernels.motion import (
-    advance_errors,
+    advance_errors_of_pair,
     advance_pair,
     white_acceleration_noise,
 )
@@ -75,7 +77,7 @@ class ThrustInterval:
     acceleration_rtn: FloatArray
     is_of_chief: bool = False
 
-    @property
+    @functools.cached_property
     def end(self) -> GpsTime:
         """End of the interval, not part of it."""
         return self.start + self.duration
@@ -125,6 +127,12 @@ class MotionNoise:
         factor : float
             Factor of all sigmas.
         """
+        return AccelerationNoise(*map(np.array, self.numbers_at_distance(distance, factor)))
+
+    def numbers_at_distance(
+        self, distance: float, factor: float = 1.0
+    ) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
+        """Return the fields of `at_distance` as numbers, on which numpy takes ten times as long."""
         gradient = self.gradient_sigma * distance
         across = self.empirical_sigma if self.across_sigma is None else self.across_sigma
         sigmas, times = [], []
@@ -133,7 +141,7 @@ class MotionNoise:
             rate = steady**2 / self.empirical_time + gradient**2 / self.gradient_time
             sigmas.append(factor * sigma)
             times.append(sigma**2 / rate if rate > 0.0 else self.empirical_time)
-        return AccelerationNoise(*(np.array((of[0], of[1], of[0])) for of in (sigmas, times)))
+        return (sigmas[0], sigmas[1], sigmas[0]), (times[0], times[1], times[0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -275,23 +283,19 @@ class OrbitalMotion:
                     by_error[:, 0] = thrust_gcrf
                     by_error[:, 1:] -= axes @ skew(interval.acceleration_rtn)
             chief_error = CHIEF_THRUST_SIGMA * norm(thrust_chief_gcrf)
-            advance_errors(
-                chief[:3],
+            phi = advance_errors_of_pair(
+                chief,
+                relative,
                 to_gcrf,
                 step,
                 noise_of_chief.sigma,
                 noise_of_chief.time,
-                chief_error,
-                phi_chief,
-                noise_chief,
-            )
-            phi = advance_errors(
-                chief[:3] + 0.5 * relative[:3],
-                to_gcrf,
-                step,
                 noise_of_relative.sigma,
                 noise_of_relative.time,
+                chief_error,
                 math.hypot(thrust_sigma * norm(thrust_gcrf), chief_error),
+                phi_chief,
+                noise_chief,
                 phi_relative,
                 noise_relative,
             )
@@ -444,16 +448,18 @@ def _steps(
     time: GpsTime, duration: float, thrust: Sequence[ThrustInterval], longest_step: float
 ) -> list[tuple[GpsTime, float]]:
     """Return start and length of the steps of integration; a step ends where the thrust changes."""
-    end = time + duration
-    changes = {time, end}
+    start, end = time.nanoseconds, (time + duration).nanoseconds
+    changes = {start, end}
     for interval in thrust:
-        changes.update(t for t in (interval.start, interval.end) if time < t < end)
+        limits = (interval.start.nanoseconds, interval.end.nanoseconds)
+        changes.update(limit for limit in limits if start < limit < end)
     steps = []
     for first, last in itertools.pairwise(sorted(changes)):
-        count = math.ceil((last - first) / longest_step - 1e-9)
-        nanoseconds = (last.nanoseconds - first.nanoseconds) // count
+        count = math.ceil((last - first) / NANOSECONDS_PER_SECOND / longest_step - 1e-9)
+        nanoseconds = (last - first) // count
         for index in range(count):
-            begin = GpsTime(first.nanoseconds + index * nanoseconds)
-            finish = last if index == count - 1 else GpsTime(begin.nanoseconds + nanoseconds)
-            steps.append((begin, finish - begin))
+            begin = first + index * nanoseconds
+            finish = last if index == count - 1 else begin + nanoseconds
+            begin_time = time if begin == start else GpsTime(begin)
+            steps.append((begin_time, (finish - begin) / NANOSECONDS_PER_SECOND))
     return steps

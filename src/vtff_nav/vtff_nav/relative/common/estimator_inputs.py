@@ -61,6 +61,8 @@ class EstimatorInputs:
 
     def _attitudes_at(self, time: GpsTime) -> Attitudes:
         """Return the newest attitudes before an epoch; None where none is young enough."""
+        if not any(self._attitudes):
+            return None, None
         chief, deputy = (
             next(
                 (

@@ -17,7 +17,6 @@ from vtff_gnss.observations import ObservationEpoch
 from vtff_gnss.orbits.line_of_sight import lines_of_sight
 from vtff_gnss.orbits.satellite_table import SatelliteTable
 from vtff_gnss.signals import (
-    SignalKey,
     carrier_frequency_hz,
     carrier_number_of_signal,
     satellite_number,
@@ -26,7 +25,8 @@ from vtff_gnss.signals import (
     signal_number,
 )
 from vtff_nav.relative.common.columns import with_columns
-from vtff_nav.relative.kernels.combinations import read_signals
+from vtff_nav.relative.common.signal_set import SignalSet
+from vtff_nav.relative.kernels.combinations import difference_receivers, read_signals
 from vtff_nav.relative.kernels.motion import positions_at_reception
 
 __all__ = [
@@ -39,7 +39,6 @@ __all__ = [
     "code_group_delay",
     "compute_geometry",
     "form_single_differences",
-    "median",
     "satellite_mask",
     "satellite_numbers",
     "upper_median",
@@ -59,6 +58,9 @@ for _rank, _letter in enumerate(_ATTRIBUTE_ORDER):
 # Scatter of the delays of two codes on one carrier over the satellites of a system, m.
 _MIXED_CODE_SIGMA = 0.5
 _LAYOUTS_KEPT = 16
+#: Results of `Geometry.columns`: satellites of a geometry, those asked for, and their columns.
+#: While the sky does not change, both are the same objects, which nothing is written to.
+_known_columns: list[tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], npt.NDArray[np.intp]]] = []
 _LARGEST_SATELLITE_NUMBER = int(satellite_number(255, 255))
 
 
@@ -198,6 +200,8 @@ class SignalReader:
 
     def __init__(self, noise: MeasurementNoise, bands: Mapping[int, tuple[int, ...]]) -> None:
         self._noise = noise
+        self._sigmas = np.array((noise.code_sigma, noise.phase_sigma))
+        self._smallest_sigmas = np.array((noise.smallest_code_sigma, noise.smallest_phase_sigma))
         self._is_wanted = np.zeros((256, 10), dtype=bool)
         for system, digits in bands.items():
             self._is_wanted[system, list(digits)] = True
@@ -215,20 +219,21 @@ class SignalReader:
         """
         layout, noise = self._layout_of(epoch), self._noise
         order = layout.order
-        rows, numbers = read_signals(
+        rows, numbers, flags = read_signals(
+            order,
             layout.satellite,
             layout.carrier,
             layout.wavelength,
             has_ephemeris,
-            epoch.flags[order],
-            epoch.pseudorange[order],
-            epoch.carrier_phase_cycles[order],
-            epoch.pseudorange_sigma[order],
-            epoch.carrier_phase_sigma_cycles[order],
-            epoch.doppler_hz[order],
-            epoch.lock_time[order],
-            np.array((noise.code_sigma, noise.phase_sigma)),
-            np.array((noise.smallest_code_sigma, noise.smallest_phase_sigma)),
+            epoch.flags,
+            epoch.pseudorange,
+            epoch.carrier_phase_cycles,
+            epoch.pseudorange_sigma,
+            epoch.carrier_phase_sigma_cycles,
+            epoch.doppler_hz,
+            epoch.lock_time,
+            self._sigmas,
+            self._smallest_sigmas,
             noise.use_receiver_sigmas,
         )
         if len(rows) == len(order):
@@ -247,7 +252,7 @@ class SignalReader:
             code_sigma=numbers[2],
             phase_sigma=numbers[3],
             range_rate=numbers[4],
-            flags=epoch.flags[names.order],
+            flags=flags,
             lock_time=numbers[5],
         )
 
@@ -287,8 +292,8 @@ class SingleDifferences:
 
     Parameters
     ----------
-    keys : list of SignalKey
-        Signals, in the order of their numbers.
+    keys : SignalSet
+        Signals, in the order of their numbers; any other sequence of signals becomes a set.
     satellite : ndarray of int64
         `vtff_gnss.signals.satellite_number`.
     wavelength, frequency_hz : ndarray
@@ -310,7 +315,7 @@ class SingleDifferences:
         contain it.
     """
 
-    keys: list[SignalKey]
+    keys: SignalSet
     satellite: npt.NDArray[np.int64]
     wavelength: FloatArray
     frequency_hz: FloatArray
@@ -323,6 +328,11 @@ class SingleDifferences:
     is_lock_lost: npt.NDArray[np.bool_]
     lock_time: FloatArray
     noise_growth: FloatArray
+
+    def __post_init__(self) -> None:
+        """Have the signals as a set."""
+        if not isinstance(self.keys, SignalSet):
+            object.__setattr__(self, "keys", SignalSet(self.keys))
 
     def __len__(self) -> int:
         """Return the number of signals."""
@@ -342,11 +352,11 @@ class SingleDifferences:
         if len(rows) == len(self):
             return self
         columns = {
-            name: getattr(self, name)[..., rows]
+            name: getattr(self, name).take(rows, axis=-1)
             for name in self.__dataclass_fields__
             if name != "keys"
         }
-        return SingleDifferences(keys=[self.keys[row] for row in rows.tolist()], **columns)
+        return SingleDifferences(keys=self.keys.select(rows), **columns)
 
 
 def form_single_differences(chief: SignalTable, deputy: SignalTable) -> SingleDifferences:
@@ -358,25 +368,37 @@ def form_single_differences(chief: SignalTable, deputy: SignalTable) -> SingleDi
     so that satellites whose signals are paired in another way have a receiver bias of their own.
     """
     pairs = _pair_carriers(chief.signal.tobytes(), deputy.signal.tobytes())
-    of_chief, of_deputy = pairs.rows_chief, pairs.rows_deputy
-    flags, flags_deputy = chief.flags[of_chief], deputy.flags[of_deputy]
-    added = c.FLAG_HALF_CYCLE_ADDED
-    half_cycles = ((flags & added) > 0).astype(np.int64) + 2 * ((flags_deputy & added) > 0)
-    code_variance = chief.code_sigma[of_chief] ** 2 + deputy.code_sigma[of_deputy] ** 2
+    numbers, lock_time, is_parity_known, is_lock_lost, half_cycles = difference_receivers(
+        pairs.rows_chief,
+        pairs.rows_deputy,
+        pairs.mixed_variance,
+        chief.pseudorange,
+        chief.carrier_range,
+        chief.code_sigma,
+        chief.phase_sigma,
+        chief.flags,
+        chief.lock_time,
+        deputy.pseudorange,
+        deputy.carrier_range,
+        deputy.code_sigma,
+        deputy.phase_sigma,
+        deputy.flags,
+        deputy.lock_time,
+    )
     return SingleDifferences(
-        keys=list(pairs.keys),
-        satellite=chief.satellite[of_chief],
-        wavelength=chief.wavelength[of_chief],
-        frequency_hz=chief.frequency_hz[of_chief],
-        code=deputy.pseudorange[of_deputy] - chief.pseudorange[of_chief],
-        phase=deputy.carrier_range[of_deputy] - chief.carrier_range[of_chief],
-        code_variance=code_variance + pairs.mixed_variance,
-        phase_variance=chief.phase_sigma[of_chief] ** 2 + deputy.phase_sigma[of_deputy] ** 2,
-        is_parity_known=(flags & flags_deputy & c.FLAG_PARITY_KNOWN) > 0,
+        keys=pairs.keys,
+        satellite=pairs.satellite,
+        wavelength=pairs.wavelength,
+        frequency_hz=pairs.frequency_hz,
+        code=numbers[0],
+        phase=numbers[1],
+        code_variance=numbers[2],
+        phase_variance=numbers[3],
+        is_parity_known=is_parity_known,
         half_cycles=half_cycles,
-        is_lock_lost=((flags | flags_deputy) & c.FLAG_LOCK_LOST) > 0,
-        lock_time=np.array([chief.lock_time[of_chief], deputy.lock_time[of_deputy]]),
-        noise_growth=np.ones(len(of_chief)),
+        is_lock_lost=is_lock_lost,
+        lock_time=lock_time,
+        noise_growth=pairs.no_growth,
     )
 
 
@@ -388,16 +410,22 @@ class _CarrierPairs:
     ----------
     rows_chief, rows_deputy : ndarray of intp, shape (n,)
         Rows in the tables of both.
-    keys : tuple of SignalKey
+    keys : SignalSet
         Signals of the deputy.
     mixed_variance : ndarray, shape (n,)
         Variance of the delay between two codes of a carrier, m2.
+    satellite, wavelength, frequency_hz, no_growth : ndarray, shape (n,)
+        Columns of `SingleDifferences`; the last is its `noise_growth` where there is none.
     """
 
     rows_chief: npt.NDArray[np.intp]
     rows_deputy: npt.NDArray[np.intp]
-    keys: tuple[SignalKey, ...]
+    keys: SignalSet
     mixed_variance: FloatArray
+    satellite: npt.NDArray[np.int64]
+    wavelength: FloatArray
+    frequency_hz: FloatArray
+    no_growth: FloatArray
 
 
 @functools.lru_cache(maxsize=_LAYOUTS_KEPT)
@@ -411,11 +439,18 @@ def _pair_carriers(signals_chief: bytes, signals_deputy: bytes) -> _CarrierPairs
         return_indices=True,
     )
     is_mixed = chief[rows_chief] != deputy[rows_deputy]
+    keys = SignalSet(signal_from_number(number) for number in deputy[rows_deputy].tolist())
+    system, _, band, _ = keys.name_columns
+    frequency_hz = carrier_frequency_hz(system.astype(np.int64), band.astype(np.int64))
     return _CarrierPairs(
         rows_chief=rows_chief,
         rows_deputy=rows_deputy,
-        keys=tuple(signal_from_number(number) for number in deputy[rows_deputy].tolist()),
+        keys=keys,
         mixed_variance=np.where(is_mixed, _MIXED_CODE_SIGMA**2, 0.0),
+        satellite=satellite_number_of_signal(deputy[rows_deputy]),
+        wavelength=SPEED_OF_LIGHT / frequency_hz,
+        frequency_hz=frequency_hz,
+        no_growth=np.ones(len(keys)),
     )
 
 
@@ -453,7 +488,13 @@ class Geometry:
 
     def columns(self, satellite: npt.NDArray[np.int64]) -> npt.NDArray[np.intp]:
         """Return the columns of satellites; all of them must be part of the geometry."""
-        return np.searchsorted(self.satellite, satellite)
+        for known in _known_columns:
+            if known[0] is self.satellite and known[1] is satellite:
+                return known[2]
+        columns = np.searchsorted(self.satellite, satellite)
+        del _known_columns[_LAYOUTS_KEPT - 1 :]
+        _known_columns.insert(0, (self.satellite, satellite, columns))
+        return columns
 
 
 @functools.lru_cache(maxsize=_LAYOUTS_KEPT)
@@ -531,13 +572,6 @@ def code_group_delay(table: SatelliteTable, band: int) -> FloatArray:
     galileo = np.where(is_fnav, gamma * table.group_delay, galileo)
     delay = np.where(table.system == c.SYSTEM_GALILEO, galileo, gamma * table.group_delay)
     return SPEED_OF_LIGHT * delay
-
-
-def median(values: FloatArray) -> float:
-    """Return the median, as `numpy.median` does in ten times the time on so few numbers."""
-    ordered: list[float] = sorted(values.tolist())
-    middle = len(ordered) // 2
-    return ordered[middle] if len(ordered) % 2 else 0.5 * (ordered[middle - 1] + ordered[middle])
 
 
 def upper_median(values: FloatArray) -> float:

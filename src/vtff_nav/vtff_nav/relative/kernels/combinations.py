@@ -14,16 +14,24 @@ from vtff_gnss.constants import (
     FLAG_CODE_VALID,
     FLAG_HALF_CYCLE_ADDED,
     FLAG_LOCK_LOST,
+    FLAG_PARITY_KNOWN,
     FLAG_PHASE_VALID,
 )
 
-__all__ = ["combine_carriers", "combine_receivers", "read_signals"]
+__all__ = [
+    "clock_from_codes",
+    "combine_carriers",
+    "combine_receivers",
+    "difference_receivers",
+    "read_signals",
+]
 
 _CODE_AND_PHASE_VALID = FLAG_CODE_VALID | FLAG_PHASE_VALID
 
 
 @compiled
 def read_signals(  # type: ignore[no-untyped-def]
+    order,
     satellite,
     carrier,
     wavelength,
@@ -43,12 +51,13 @@ def read_signals(  # type: ignore[no-untyped-def]
 
     Parameters
     ----------
+    order : ndarray of int, shape (n,)
+        Rows of n signals in the columns of the epoch, the preferred one of a carrier first.
     satellite, carrier, wavelength : ndarray, shape (n,)
-        Satellites and carriers of n signals, the preferred one of a carrier first, and their
-        wavelengths, m.
+        Their satellites, carriers and wavelengths, m.
     has_ephemeris : ndarray of bool
         Whether a satellite number has an ephemeris.
-    flags, ..., lock_time : ndarray, shape (n,)
+    flags, ..., lock_time : ndarray, shape (k,)
         Columns of `ObservationEpoch`: flags, pseudorange, carrier phase, sigmas of both, Doppler
         shift and lock time.
     sigmas, smallest_sigmas : ndarray, shape (2,)
@@ -62,33 +71,37 @@ def read_signals(  # type: ignore[no-untyped-def]
         Which of the n signals are used.
     numbers : ndarray, shape (6, m)
         Pseudorange, carrier range, their sigmas, range rate (m, m/s) and lock time (s).
+    flags_used : ndarray, shape (m,)
+        Their flags.
     """
     count = len(carrier)
     rows, numbers = np.empty(count, np.int64), np.empty((6, count))
+    flags_used = np.empty(count, flags.dtype)
     size, last = 0, -1
     for n in range(count):
         if carrier[n] == last or not has_ephemeris[satellite[n]]:
             continue
-        carrier_range = wavelength[n] * carrier_phase_cycles[n]
-        if flags[n] & _CODE_AND_PHASE_VALID != _CODE_AND_PHASE_VALID or not math.isfinite(
-            pseudorange[n] + carrier_range
+        row = order[n]
+        carrier_range = wavelength[n] * carrier_phase_cycles[row]
+        if flags[row] & _CODE_AND_PHASE_VALID != _CODE_AND_PHASE_VALID or not math.isfinite(
+            pseudorange[row] + carrier_range
         ):
             continue
-        last, rows[size] = carrier[n], n
+        last, rows[size], flags_used[size] = carrier[n], n, flags[row]
         code_sigma, phase_sigma = sigmas[0], sigmas[1]
         if use_receiver_sigmas:
-            stated = float(pseudorange_sigma[n])
+            stated = float(pseudorange_sigma[row])
             if stated > 0.0:
                 code_sigma = max(stated, smallest_sigmas[0])
-            stated = float(carrier_phase_sigma_cycles[n]) * wavelength[n]
+            stated = float(carrier_phase_sigma_cycles[row]) * wavelength[n]
             if stated > 0.0:
                 phase_sigma = max(stated, smallest_sigmas[1])
-        numbers[0, size], numbers[1, size] = pseudorange[n], carrier_range
+        numbers[0, size], numbers[1, size] = pseudorange[row], carrier_range
         numbers[2, size], numbers[3, size] = code_sigma, phase_sigma
-        numbers[4, size] = -wavelength[n] * float(doppler_hz[n])
-        numbers[5, size] = float(lock_time[n])
+        numbers[4, size] = -wavelength[n] * float(doppler_hz[row])
+        numbers[5, size] = float(lock_time[row])
         size += 1
-    return rows[:size].copy(), numbers[:, :size].copy()
+    return rows[:size].copy(), numbers[:, :size].copy(), flags_used[:size].copy()
 
 
 @compiled
@@ -198,3 +211,83 @@ def combine_receivers(values, sigmas, values_deputy, sigmas_deputy, predicted, l
             mean[n] += shares[n] * change
             sigma[n] *= math.sqrt(1.0 - shares[n])
     return mean, sigma, shares
+
+
+@compiled
+def difference_receivers(  # type: ignore[no-untyped-def]
+    rows_chief,
+    rows_deputy,
+    mixed_variance,
+    pseudorange_chief,
+    carrier_range_chief,
+    code_sigma_chief,
+    phase_sigma_chief,
+    flags_chief,
+    lock_time_chief,
+    pseudorange_deputy,
+    carrier_range_deputy,
+    code_sigma_deputy,
+    phase_sigma_deputy,
+    flags_deputy,
+    lock_time_deputy,
+):
+    """Return the differences of n carriers, deputy less chief; see `SingleDifferences`.
+
+    Parameters
+    ----------
+    rows_chief, rows_deputy : ndarray of int, shape (n,)
+        Rows of the carriers in the columns of both receivers, which follow.
+    mixed_variance : ndarray, shape (n,)
+        Variances of the delays between their two codes, m2.
+
+    Returns
+    -------
+    numbers : ndarray, shape (4, n)
+        Code, phase (m) and their variances, m2.
+    lock_time : ndarray, shape (2, n)
+        s.
+    is_parity_known, is_lock_lost : ndarray of bool, shape (n,)
+    half_cycles : ndarray of int64, shape (n,)
+    """
+    count = len(rows_chief)
+    numbers, lock_time = np.empty((4, count)), np.empty((2, count))
+    is_parity_known, is_lock_lost = np.empty(count, np.bool_), np.empty(count, np.bool_)
+    half_cycles = np.empty(count, np.int64)
+    for n in range(count):
+        a, b = rows_chief[n], rows_deputy[n]
+        numbers[0, n] = pseudorange_deputy[b] - pseudorange_chief[a]
+        numbers[1, n] = carrier_range_deputy[b] - carrier_range_chief[a]
+        code_variance = code_sigma_chief[a] ** 2 + code_sigma_deputy[b] ** 2
+        numbers[2, n] = code_variance + mixed_variance[n]
+        numbers[3, n] = phase_sigma_chief[a] ** 2 + phase_sigma_deputy[b] ** 2
+        lock_time[0, n], lock_time[1, n] = lock_time_chief[a], lock_time_deputy[b]
+        is_parity_known[n] = flags_chief[a] & flags_deputy[b] & FLAG_PARITY_KNOWN != 0
+        is_lock_lost[n] = (flags_chief[a] | flags_deputy[b]) & FLAG_LOCK_LOST != 0
+        half_cycles[n] = 0
+        if flags_chief[a] & FLAG_HALF_CYCLE_ADDED:
+            half_cycles[n] += 1
+        if flags_deputy[b] & FLAG_HALF_CYCLE_ADDED:
+            half_cycles[n] += 2
+    return numbers, lock_time, is_parity_known, is_lock_lost, half_cycles
+
+
+@compiled
+def clock_from_codes(columns, pseudorange, ranges, clocks, receiver):  # type: ignore[no-untyped-def]
+    """Return the upper median of what n codes exceed ranges by, m: the clock of a receiver.
+
+    Parameters
+    ----------
+    columns : ndarray of int, shape (n,)
+        Satellites of the codes in the columns of the next two.
+    pseudorange : ndarray, shape (n,)
+        m.
+    ranges, clocks : ndarray, shape (2, m)
+        See `Geometry`.
+    receiver : int
+        0 for the chief, 1 for the deputy.
+    """
+    residual = np.empty(len(columns))
+    for n in range(len(columns)):
+        column = columns[n]
+        residual[n] = pseudorange[n] - ranges[receiver, column] + clocks[receiver, column]
+    return np.sort(residual)[len(residual) // 2]

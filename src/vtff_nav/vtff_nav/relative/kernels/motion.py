@@ -20,6 +20,7 @@ from vtff_gnss.constants import (
 
 __all__ = [
     "advance_errors",
+    "advance_errors_of_pair",
     "advance_pair",
     "empirical_noise",
     "positions_at_reception",
@@ -150,6 +151,62 @@ def advance_errors(  # type: ignore[no-untyped-def]
     transition[:] = phi @ transition
     noise[:] = phi @ noise @ phi.T + process
     return phi
+
+
+@compiled
+def advance_errors_of_pair(  # type: ignore[no-untyped-def]
+    chief,
+    relative,
+    to_gcrf,
+    step,
+    sigma_chief,
+    time_chief,
+    sigma_relative,
+    time_relative,
+    white_chief,
+    white_relative,
+    transition_chief,
+    noise_chief,
+    transition_relative,
+    noise_relative,
+):
+    """Carry the errors of the motions of chief and difference over a step, in place.
+
+    Parameters
+    ----------
+    chief, relative : ndarray, shape (9,)
+        States at the begin of the step, see `advance_pair`.
+    to_gcrf, ..., noise_relative
+        See `advance_errors`, of both.
+
+    Returns
+    -------
+    ndarray, shape (9, 9)
+        Transition matrix of the difference over the step.
+    """
+    middle = np.empty(3)
+    for axis in range(3):
+        middle[axis] = chief[axis] + 0.5 * relative[axis]
+    advance_errors(
+        chief,
+        to_gcrf,
+        step,
+        sigma_chief,
+        time_chief,
+        white_chief,
+        transition_chief,
+        noise_chief,
+    )
+    return advance_errors(
+        middle,
+        to_gcrf,
+        step,
+        sigma_relative,
+        time_relative,
+        white_relative,
+        transition_relative,
+        noise_relative,
+    )
 
 
 @compiled

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from vtff_dynamics.compiled import compiled
-from vtff_dynamics.constants import SPEED_OF_LIGHT
+from vtff_dynamics.constants import NANOSECONDS_PER_SECOND, SPEED_OF_LIGHT
+from vtff_nav.relative.kernels.arcs import has_lock_restarted
 
-__all__ = ["orbit_measurements"]
+__all__ = ["find_carrier_breaks", "orbit_measurements", "record_carriers"]
 
 
 @compiled
@@ -89,3 +90,53 @@ def orbit_measurements(  # type: ignore[no-untyped-def]
             design[index, error] = 1.0
             values[index] -= mean[error]
     return design, values, variances, nuisance
+
+
+@compiled
+def find_carrier_breaks(  # type: ignore[no-untyped-def]
+    places,
+    time,
+    is_lock_lost,
+    half_cycles,
+    lock_time,
+    last_times,
+    last_half_cycles,
+    last_lock_times,
+):
+    """Return which of n carrier combinations have another ambiguity than at their last epoch.
+
+    Parameters
+    ----------
+    places : ndarray of int, shape (n,)
+        Places of the combinations in the columns of the last epoch, which follow.
+    time : int
+        Epoch, GPS, ns.
+    is_lock_lost, half_cycles, lock_time : ndarray, shape (n,), (n,) and (n, 2)
+        Columns of `Combinations`.
+    last_times, last_half_cycles, last_lock_times : ndarray, shape (places,), the last (places, 2)
+        The last epoch of each, ns, -1 without one, and what the receiver said then.
+    """
+    is_broken = np.zeros(len(places), np.bool_)
+    for n in range(len(places)):
+        place = places[n]
+        if not 0 <= last_times[place] < time:
+            continue
+        gap = (time - last_times[place]) / NANOSECONDS_PER_SECOND
+        is_broken[n] = is_lock_lost[n] or half_cycles[n] != last_half_cycles[place]
+        for carrier in range(2):
+            before = last_lock_times[place, carrier]
+            if has_lock_restarted(lock_time[n, carrier], before, gap):
+                is_broken[n] = True
+    return is_broken
+
+
+@compiled
+def record_carriers(  # type: ignore[no-untyped-def]
+    places, time, half_cycles, lock_time, last_times, last_half_cycles, last_lock_times
+):
+    """Keep what a receiver says of the carriers of an epoch; see `find_carrier_breaks`."""
+    for n in range(len(places)):
+        place = places[n]
+        last_times[place], last_half_cycles[place] = time, half_cycles[n]
+        for carrier in range(2):
+            last_lock_times[place, carrier] = lock_time[n, carrier]

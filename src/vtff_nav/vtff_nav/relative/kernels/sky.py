@@ -12,7 +12,14 @@ import numpy as np
 from vtff_dynamics.compiled import compiled
 from vtff_gnss.constants import ELECTRONS_PER_TECU
 
-__all__ = ["DENSITY_UNIT", "north_and_east", "plasma_paths", "shell_paths", "sky_columns"]
+__all__ = [
+    "DENSITY_UNIT",
+    "move_over_ground",
+    "north_and_east",
+    "plasma_paths",
+    "shell_paths",
+    "sky_columns",
+]
 
 DENSITY_UNIT = 1e12
 """Electrons per m3 in the unit of the states ``("plasma", layer)``."""
@@ -132,6 +139,28 @@ def north_and_east(position):  # type: ignore[no-untyped-def]
     axes[0, 0], axes[0, 1], axes[0, 2] = -z * east_y, z * east_x, x * east_y - y * east_x
     axes[1, 0], axes[1, 1], axes[1, 2] = east_x, east_y, 0.0
     return axes
+
+
+@compiled
+def move_over_ground(before, after, turn):  # type: ignore[no-untyped-def]
+    """Return axes to north and east (2, 3), and by what the zenith has moved over ground, (3,).
+
+    Parameters
+    ----------
+    before, after : ndarray, shape (3,)
+        Positions, m.
+    turn : float
+        By which the Earth has turned in their axes, rad.
+    """
+    zenith, moved = np.empty(3), np.empty(3)
+    radius = math.sqrt(before[0] * before[0] + before[1] * before[1] + before[2] * before[2])
+    radius_after = math.sqrt(after[0] * after[0] + after[1] * after[1] + after[2] * after[2])
+    for axis in range(3):
+        zenith[axis] = before[axis] / radius
+        moved[axis] = after[axis] / radius_after - zenith[axis]
+    moved[0] -= turn * -zenith[1]
+    moved[1] -= turn * zenith[0]
+    return north_and_east(before), moved
 
 
 @compiled

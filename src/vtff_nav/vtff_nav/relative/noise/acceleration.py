@@ -73,9 +73,7 @@ class AccelerationMonitor:
         interval : float
             Since the last epoch, s.
         """
-        noise = self._noise.at_distance(distance, self.factor)
-        # Three numbers: operations of numpy on them take ten times as long.
-        sigmas, times = noise.sigma.tolist(), noise.time.tolist()
+        sigmas, times = self._noise.numbers_at_distance(distance, self.factor)
         count = sum(sigma > 0.0 for sigma in sigmas)
         if count == 0:
             return

@@ -21,8 +21,14 @@ import numpy.typing as npt
 
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_dynamics.vectors import FloatArray
-from vtff_gnss.signals import SignalKey
-from vtff_nav.relative.kernels.noise import adjust, expect_slow_error, update_models
+from vtff_nav.relative.common.signal_set import SignalSet
+from vtff_nav.relative.kernels.noise import (
+    adjust,
+    equivalent_variances,
+    expect_slow_error,
+    ratios_of_means,
+    update_models,
+)
 
 __all__ = ["NoiseComponents", "Redundancy", "SlowError", "white_equivalent_variance"]
 
@@ -130,8 +136,8 @@ class NoiseComponents:
         self._log_likelihood = np.zeros(models)
         self._mean = np.zeros((models, 0))
         self._variance = np.zeros((models, 0))
-        self._keys: list[SignalKey] = []
-        self._weighed_at: dict[SignalKey, GpsTime] = {}
+        self._keys = SignalSet()
+        self._weighed_at = GpsTime(0)
         self._changes = 0.0
         self._squares = 0.0
         self._samples = 0.0
@@ -193,7 +199,7 @@ class NoiseComponents:
     def add_residuals(
         self,
         time: GpsTime,
-        keys: Sequence[SignalKey],
+        keys: SignalSet,
         residual: FloatArray,
         number: FloatArray,
         white_variance: FloatArray,
@@ -203,7 +209,7 @@ class NoiseComponents:
         Parameters
         ----------
         time : GpsTime
-        keys : sequence of SignalKey
+        keys : SignalSet
             Signals without unknown ambiguities.
         residual, number : ndarray, shape (n,)
             See `Redundancy`; 0 as the number of what is no sample.
@@ -233,12 +239,12 @@ class NoiseComponents:
             self._samples += freedom
         self._weigh()
 
-    def _align(self, time: GpsTime, keys: Sequence[SignalKey]) -> FloatArray:
+    def _align(self, time: GpsTime, keys: SignalSet) -> FloatArray:
         """Have the slow errors of these signals; return the times since they were weighed, s."""
-        if self._keys == list(keys):
-            gaps = np.full(len(keys), time - self._weighed_at[keys[0]])
+        if self._keys == keys:
+            gaps = np.full(len(keys), time - self._weighed_at)
         else:
-            column = {key: index for index, key in enumerate(self._keys)}
+            column = self._keys.rows
             mean = np.zeros((len(self._sigma), len(keys)))
             variance = np.repeat(self._sigma[:, None] ** 2, len(keys), axis=1)
             gaps = np.zeros(len(keys))
@@ -247,9 +253,9 @@ class NoiseComponents:
                 if index is not None:
                     mean[:, row] = self._mean[:, index]
                     variance[:, row] = self._variance[:, index]
-                    gaps[row] = time - self._weighed_at[key]
-            self._keys, self._mean, self._variance = list(keys), mean, variance
-        self._weighed_at = dict.fromkeys(keys, time)
+                    gaps[row] = time - self._weighed_at
+            self._keys, self._mean, self._variance = keys, mean, variance
+        self._weighed_at = time
         return gaps
 
     def _weigh(self) -> None:
@@ -287,14 +293,9 @@ def white_equivalent_variance(
     """
     if slow.sigma == 0.0:
         return white
-
-    def information(count: FloatArray) -> FloatArray:
-        ratio = np.maximum(count * interval / slow.correlation_time, 1e-9)
-        shared = 2.0 / ratio * (1.0 + np.expm1(-ratio) / ratio)
-        return np.asarray(1.0 / (slow.sigma**2 * shared + white / np.maximum(count, 1e-9)))
-
-    count = epochs.astype(float)
-    before = np.where(count > 1.0, information(np.maximum(count - 1.0, 1.0)), 0.0)
-    gained = information(count) - before
-    largest = white + 4.0 * slow.sigma**2 * max(1.0, 2.0 * slow.correlation_time / interval)
-    return np.asarray(np.maximum(1.0 / np.maximum(gained, 1.0 / largest), white))
+    ratios = ratios_of_means(epochs, interval, slow.correlation_time)
+    largest = 4.0 * slow.sigma**2 * max(1.0, 2.0 * slow.correlation_time / interval)
+    variances: FloatArray = equivalent_variances(
+        white, slow.sigma**2, epochs, ratios, np.expm1(-ratios), largest
+    )
+    return variances

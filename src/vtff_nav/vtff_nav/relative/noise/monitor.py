@@ -9,9 +9,10 @@ import numpy.typing as npt
 
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_dynamics.vectors import FloatArray
-from vtff_gnss.signals import SignalKey
 from vtff_nav.relative.common.columns import with_columns
 from vtff_nav.relative.common.measurements import SingleDifferences
+from vtff_nav.relative.common.signal_set import SignalSet, with_places
+from vtff_nav.relative.kernels.noise import collect_residuals, count_codes
 from vtff_nav.relative.noise.components import (
     NoiseComponents,
     Redundancy,
@@ -27,6 +28,8 @@ __all__ = ["EpochResiduals", "NoiseMonitor", "NoisePrior"]
 _PHASE_SIGMAS = tuple((0.25e-3 * 10.0 ** (np.arange(19) / 10.0)).tolist())
 _CODE_SIGMAS = tuple((0.04 * 10.0 ** (np.arange(19) / 10.0)).tolist())
 _TIMES = (30.0, 100.0, 300.0)
+# Residuals of so few signals tell nothing.
+_FEWEST_ROWS = 4
 # A signal that was not seen for longer (s) comes back with other slow errors.
 _LONGEST_ABSENCE = 300.0
 
@@ -99,8 +102,22 @@ class NoiseMonitor:
         self.code = NoiseComponents(
             SlowError(np.sqrt(2.0) * prior.code_sigma, time), _CODE_SIGMAS, _TIMES, memory
         )
-        self._last: dict[SignalKey, tuple[GpsTime, float, float]] = {}
-        self._codes: dict[SignalKey, tuple[GpsTime, int]] = {}
+        # By place: last epoch of a code and number of its epochs; last epoch from which noise was
+        # learnt (GPS, ns; -1 before), and the levels of code and phase at it, m.
+        self._code_times = np.full(0, -1, dtype=np.int64)
+        self._code_counts = np.zeros(0, dtype=np.int64)
+        self._level_times = np.full(0, -1, dtype=np.int64)
+        self._levels = np.zeros((2, 0))
+        self._last_time = -1
+
+    def _make_room(self, signals: SignalSet) -> None:
+        """Have the places of signals in all columns."""
+        if signals.largest_place < len(self._code_times):
+            return
+        self._code_times = with_places(self._code_times, signals, -1)
+        self._code_counts = with_places(self._code_counts, signals)
+        self._level_times = with_places(self._level_times, signals, -1)
+        self._levels = with_places(self._levels, signals)
 
     def weigh(
         self, time: GpsTime, interval: float, measured: SingleDifferences
@@ -110,81 +127,70 @@ class NoiseMonitor:
         Codes have slow errors as part of their variances; those of the phases are states.
         """
         # The components are those of a signal whose noise has not grown.
-        power = measured.noise_growth**2
-        white = self.code.white_factor * measured.code_variance / power
-        epochs = []
-        for key in measured.keys:
-            last, count = self._codes.get(key, (time, 0))
-            count = count + 1 if time - last <= _LONGEST_ABSENCE else 1
-            self._codes[key] = time, count
-            epochs.append(count)
-        return with_columns(
-            measured,
-            code_variance=power
-            * white_equivalent_variance(white, self.code.slow, np.array(epochs), interval),
-            phase_variance=self.phase.white_factor * measured.phase_variance,
+        self._make_room(measured.keys)
+        (power, white, phase_variance), epochs = count_codes(
+            measured.keys.places,
+            time.nanoseconds,
+            _LONGEST_ABSENCE,
+            measured.noise_growth,
+            measured.code_variance,
+            measured.phase_variance,
+            self.code.white_factor,
+            self.phase.white_factor,
+            self._code_times,
+            self._code_counts,
         )
+        variance = white_equivalent_variance(white, self.code.slow, epochs, interval)
+        return with_columns(measured, code_variance=power * variance, phase_variance=phase_variance)
 
     def learn(self, time: GpsTime, interval: float, epoch: EpochResiduals) -> None:
         """Update all components with the residuals of an epoch."""
         measured = epoch.measured
-        code_level = measured.code - epoch.predicted
-        phase_level = measured.phase - epoch.predicted
-        code_change, phase_change = self._changes(time, interval, measured, code_level, phase_level)
-        phase_change[~epoch.is_phase_continued] = np.nan
-        growth = measured.noise_growth
-        common, plasma = epoch.common / growth[:, None], epoch.plasma / growth[:, None]
-        self._learn_kind(
-            self.code,
-            time,
-            interval,
-            measured.keys,
-            np.column_stack((code_change, code_level)) / growth[:, None],
-            measured.code_variance / growth**2,
-            common,
-            np.zeros(common.shape[1]),
-            epoch.is_code_sample,
+        self._make_room(measured.keys)
+        values, variances, common, unknowns = collect_residuals(
+            measured.keys.places,
+            time.nanoseconds,
+            self._last_time,
+            1.5 * interval,
+            measured.code,
+            measured.phase,
+            measured.code_variance,
+            measured.phase_variance,
+            epoch.predicted,
+            epoch.integer_cycles,
+            measured.wavelength,
+            epoch.is_phase_continued,
+            measured.noise_growth,
+            epoch.common,
+            epoch.plasma,
+            self._level_times,
+            self._levels,
         )
-        fixed = phase_level - epoch.integer_cycles * measured.wavelength
-        self._learn_kind(
-            self.phase,
-            time,
-            interval,
-            measured.keys,
-            np.column_stack((phase_change, fixed)) / growth[:, None],
-            measured.phase_variance / growth**2,
-            np.hstack((common, plasma)),
-            np.repeat((0.0, 1.0), (common.shape[1], plasma.shape[1])),
-            epoch.is_phase_sample,
-        )
-
-    def _changes(
-        self,
-        time: GpsTime,
-        interval: float,
-        measured: SingleDifferences,
-        code_level: FloatArray,
-        phase_level: FloatArray,
-    ) -> tuple[FloatArray, FloatArray]:
-        """Return the changes of code and phase since the last epoch, NaN for what was not there."""
-        code_change = np.full(len(measured), np.nan)
-        phase_change = code_change.copy()
-        now = {}
-        levels = zip(measured.keys, code_level.tolist(), phase_level.tolist(), strict=True)
-        for row, (key, code, phase) in enumerate(levels):
-            last = self._last.get(key)
-            if last is not None and time - last[0] < 1.5 * interval:
-                code_change[row], phase_change[row] = code - last[1], phase - last[2]
-            now[key] = time, code, phase
-        self._last = now
-        return code_change, phase_change
+        self._last_time = time.nanoseconds
+        prior = np.zeros(unknowns.shape[1])
+        prior[common.shape[1] :] = 1.0
+        for components, kind, design, is_sample in (
+            (self.code, 0, common, epoch.is_code_sample),
+            (self.phase, 1, unknowns, epoch.is_phase_sample),
+        ):
+            self._learn_kind(
+                components,
+                time,
+                interval,
+                measured.keys,
+                values[kind],
+                variances[kind],
+                design,
+                prior[: design.shape[1]],
+                is_sample,
+            )
 
     @staticmethod
     def _learn_kind(
         components: NoiseComponents,
         time: GpsTime,
         interval: float,
-        keys: list[SignalKey],
+        signals: SignalSet,
         values: FloatArray,
         variance: FloatArray,
         design: FloatArray,
@@ -192,28 +198,27 @@ class NoiseMonitor:
         is_sample: npt.NDArray[np.bool_],
     ) -> None:
         """Update the components of one kind; `values` are changes and levels, NaN if unknown."""
+        prior = prior * components.white_factor
         has_values = np.isfinite(values)
-        groups: list[tuple[npt.NDArray[np.intp], tuple[int, ...]]]
         if has_values.all():
-            groups = [(np.arange(len(values)), (0, 1))]
-        else:
-            groups = [(np.flatnonzero(has_values[:, column]), (column,)) for column in (0, 1)]
-        white = components.white_factor
-        for rows, columns in groups:
-            if len(rows) <= 4:
+            if len(values) > _FEWEST_ROWS:
+                redundancy = Redundancy.of(values, np.sqrt(variance), design, prior)
+                number = np.where(is_sample, redundancy.number, 0.0)
+                changes, levels = redundancy.residual.T.copy()
+                components.add_changes(changes, number, variance, interval)
+                components.add_residuals(time, signals, levels, number, variance)
+            return
+        for column in (0, 1):
+            rows = np.flatnonzero(has_values[:, column])
+            if len(rows) <= _FEWEST_ROWS:
                 continue
+            of_rows = variance[rows]
             redundancy = Redundancy.of(
-                values[np.ix_(rows, np.array(columns))],
-                np.sqrt(variance[rows]),
-                design[rows],
-                prior * white,
+                values[rows, column][:, None], np.sqrt(of_rows), design[rows], prior
             )
             number = np.where(is_sample[rows], redundancy.number, 0.0)
-            for column in columns:
-                residual = redundancy.residual[:, columns.index(column)]
-                if column == 0:
-                    components.add_changes(residual, number, variance[rows], interval)
-                else:
-                    components.add_residuals(
-                        time, [keys[row] for row in rows.tolist()], residual, number, variance[rows]
-                    )
+            residual = redundancy.residual[:, 0]
+            if column == 0:
+                components.add_changes(residual, number, of_rows, interval)
+            else:
+                components.add_residuals(time, signals.select(rows), residual, number, of_rows)

@@ -1,0 +1,126 @@
+"""Signals of an epoch: what follows from their names alone, which stay the same for minutes."""
+
+from __future__ import annotations
+
+import functools
+from typing import TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+from vtff_gnss.signals import SignalKey
+
+__all__ = ["SignalSet", "place_of", "read_only", "with_places"]
+
+_SETS_KEPT = 16
+Number = TypeVar("Number", bound=np.generic)
+
+#: Places that were given to signals in this process. There are some hundred signals at most.
+_places: dict[SignalKey, int] = {}
+
+
+def place_of(key: SignalKey) -> int:
+    """Return the place of a signal in columns that are kept from epoch to epoch."""
+    return _places.setdefault(key, len(_places))
+
+
+class SignalSet(tuple[SignalKey, ...]):
+    """Signals in the order of their rows in the columns of an epoch.
+
+    Everything else is computed once: while a receiver tracks the same signals, the set is the same
+    object.
+    """
+
+    @functools.cached_property
+    def places(self) -> npt.NDArray[np.int64]:
+        """Place of each signal in columns that are kept from epoch to epoch, shape (n,)."""
+        return np.array([place_of(key) for key in self], dtype=np.int64)
+
+    @functools.cached_property
+    def largest_place(self) -> int:
+        """Largest of the places; -1 without signals."""
+        return int(self.places.max(initial=-1))
+
+    @functools.cached_property
+    def rows(self) -> dict[SignalKey, int]:
+        """Row of each signal."""
+        return {key: row for row, key in enumerate(self)}
+
+    @functools.cached_property
+    def satellites(self) -> tuple[tuple[int, int], ...]:
+        """System and number of the satellite of each signal."""
+        return tuple(key.satellite for key in self)
+
+    @functools.cached_property
+    def distinct_satellites(self) -> frozenset[tuple[int, int]]:
+        """The satellites."""
+        return frozenset(self.satellites)
+
+    @functools.cached_property
+    def groups(self) -> tuple[tuple[int, int, int], ...]:
+        """Groups with a receiver bias of their own, in the order of their first signals."""
+        return tuple(dict.fromkeys(key.group for key in self))
+
+    @functools.cached_property
+    def group_rows(self) -> npt.NDArray[np.int64]:
+        """Row of the group of each signal in `groups`, shape (n,)."""
+        row = {group: index for index, group in enumerate(self.groups)}
+        return np.array([row[key.group] for key in self], dtype=np.int64)
+
+    @functools.cached_property
+    def ordered_satellites(self) -> tuple[tuple[int, int], ...]:
+        """The satellites, in increasing order."""
+        return tuple(sorted(self.distinct_satellites))
+
+    @functools.cached_property
+    def satellite_rows(self) -> npt.NDArray[np.int64]:
+        """Row of the satellite of each signal in `ordered_satellites`, shape (n,)."""
+        row = {satellite: index for index, satellite in enumerate(self.ordered_satellites)}
+        return np.array([row[satellite] for satellite in self.satellites], dtype=np.int64)
+
+    @functools.cached_property
+    def name_columns(self) -> tuple[npt.NDArray[np.uint8], ...]:
+        """System, number, band and attribute of the signals, shape (n,) each."""
+        names = np.array(self, dtype=np.uint8).reshape(-1, 4)
+        return tuple(read_only(column.copy()) for column in names.T)
+
+    @functools.cached_property
+    def _selected(self) -> dict[bytes, SignalSet]:
+        return {}
+
+    def select(self, rows: npt.NDArray[np.intp]) -> SignalSet:
+        """Return the signals of some rows; the same object for the same rows."""
+        name = rows.tobytes()
+        selected = self._selected.get(name)
+        if selected is None:
+            if len(self._selected) >= _SETS_KEPT:
+                self._selected.clear()
+            selected = self._selected[name] = SignalSet(self[row] for row in rows.tolist())
+        return selected
+
+
+def read_only(column: npt.NDArray[Number]) -> npt.NDArray[Number]:
+    """Return a column that is shared by many epochs, after nothing can be written to it."""
+    column.flags.writeable = False
+    return column
+
+
+def with_places(
+    column: npt.NDArray[Number], signals: SignalSet, value: float = 0
+) -> npt.NDArray[Number]:
+    """Return a column, shape (..., places), that has the places of all signals of a set.
+
+    Parameters
+    ----------
+    column : ndarray, shape (..., m)
+        Values by `SignalSet.places`; it is returned as it is, if it is long enough.
+    signals : SignalSet
+    value : float
+        What new places hold.
+    """
+    missing = signals.largest_place + 1 - column.shape[-1]
+    if missing <= 0:
+        return column
+    # Some more, so that columns hardly ever grow.
+    shape = (*column.shape[:-1], missing + 64)
+    return np.concatenate((column, np.full(shape, value, dtype=column.dtype)), axis=-1)
