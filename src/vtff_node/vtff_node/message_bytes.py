@@ -100,7 +100,8 @@ class MessageBytes:
                 indices[field.kind].append(index - 1)
         self._lengths = sorted(index - 1 for index in (*self._texts, *self._sequences))
         self._structs: dict[tuple[int, ...], struct.Struct] = {}
-        self._structs_by_size: dict[int, tuple[struct.Struct, tuple[int, ...]]] = {}
+        # By size of the message: DDS fills texts of several lengths up to one size.
+        self._structs_by_size: dict[int, list[tuple[struct.Struct, tuple[int, ...]]]] = {}
         self._build, _ = _builder(message_type, 1)
 
     def serialize(self, message: Any) -> bytes:
@@ -137,13 +138,11 @@ class MessageBytes:
         Exception
             As `rclpy.serialization.deserialize_message`, if they are no message of the type.
         """
-        known = self._structs_by_size.get(len(content))
-        if known is not None:
-            layout, lengths = known
+        for layout, lengths in self._structs_by_size.get(len(content), ()):
             values = layout.unpack_from(content)
             if values[0] == _LITTLE_ENDIAN and self._lengths_in(values) == lengths:
                 return self._build(values)
-        # A new size, the same size with texts of other lengths, or bytes of another machine.
+        # A new size, a text of a new length, or bytes of another machine.
         found = self._find_struct(content)
         if found is None:
             return deserialize_message(content, self._type)
@@ -197,9 +196,9 @@ class MessageBytes:
         # What is there beyond the last field fills the message up.
         if len(lengths) < len(self._lengths) or layout.size > len(content):
             return None
-        if len(self._structs_by_size) >= _KEPT_LAYOUTS:
+        if sum(map(len, self._structs_by_size.values())) >= _KEPT_LAYOUTS:
             self._structs_by_size.clear()
-        self._structs_by_size[len(content)] = layout, lengths
+        self._structs_by_size.setdefault(len(content), []).append((layout, lengths))
         return layout
 
 

@@ -19,6 +19,7 @@ thruster fails or a deputy must evade it.
 
 from __future__ import annotations
 
+import functools
 import math
 import time
 from collections.abc import Mapping, Sequence
@@ -142,14 +143,14 @@ class SafetySetting:
         if not self.probability < 0.5:
             raise ValueError(f"probability: less than 0.5 expected, got {self.probability!r}")
 
-    @property
+    @functools.cached_property
     def bounds(self) -> ClearBounds:
         """Return when a pair is clear."""
         return ClearBounds(
             self.hard_radius, self.hard_radius + self.margin, float(-ndtri(self.probability))
         )
 
-    @property
+    @functools.cached_property
     def planning_bounds(self) -> ClearBounds:
         """Return the stricter bounds of a manoeuvre, so that it is not repeated for a trifle."""
         bounds = self.bounds

@@ -13,6 +13,7 @@ being inside the sphere is at most that of being beyond the plane.
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -28,7 +29,7 @@ from vtff_dynamics.compiled import compiled
 from vtff_dynamics.constants import GM_EARTH
 from vtff_dynamics.frames.rtn import deputy_state_gcrf, rotation_gcrf_to_rtn
 from vtff_dynamics.orbit.free_flight import free_flight
-from vtff_dynamics.vectors import FloatArray, skew
+from vtff_dynamics.vectors import FloatArray, cross, skew
 
 __all__ = [
     "ChiefMotion",
@@ -102,18 +103,25 @@ class FreeMotion:
         Difference to the chief in GCRF axes, m and m/s, shape (m, n, 6); zero for the chief.
     covariances
         Covariances of the positions to the chief, shape (m, n, 3, 3); zero for the chief.
-    transition
-        From a difference at the start to one later, shape (n, 6, 6).
-    rotation
-        From GCRF to the chief's RTN axes, shape (n, 3, 3).
+    chief
+        Motion of the chief.
     """
 
     times: FloatArray
     names: tuple[str, ...]
     relative: FloatArray
     covariances: FloatArray
-    transition: FloatArray
-    rotation: FloatArray
+    chief: ChiefMotion
+
+    @property
+    def transition(self) -> FloatArray:
+        """From a difference at the start to one later, shape (n, 6, 6)."""
+        return self.chief.transition
+
+    @property
+    def rotation(self) -> FloatArray:
+        """From GCRF to the chief's RTN axes, shape (n, 3, 3)."""
+        return self.chief.rotation
 
     def pair_covariance(self, first: int, second: int) -> FloatArray:
         """Return the covariance of the position between two spacecraft, shape (n, 3, 3).
@@ -187,10 +195,10 @@ class ChiefMotion:
     ----------
     times
         s from the start, shape (n,).
+    flown
+        Chief, and the chief displaced by `_DISPLACEMENTS` at the start, m and m/s, shape (n, 7, 6).
     states_gcrf
         Chief, m and m/s, shape (n, 6).
-    transition
-        From a difference at the start to one later, GCRF axes, shape (n, 6, 6).
     rotation
         From GCRF to the chief's RTN axes, shape (n, 3, 3).
     position_from_relative
@@ -199,10 +207,19 @@ class ChiefMotion:
     """
 
     times: FloatArray
+    flown: FloatArray
     states_gcrf: FloatArray
-    transition: FloatArray
     rotation: FloatArray
     position_from_relative: FloatArray
+
+    @functools.cached_property
+    def transition(self) -> FloatArray:
+        """From a difference at the start to one later, GCRF axes, shape (n, 6, 6).
+
+        Only a search for a manoeuvre needs it.
+        """
+        differences = self.flown[:, 1:] - self.flown[:, :1]
+        return np.asarray(np.swapaxes(differences, 1, 2) / _DISPLACEMENTS)
 
     def position_covariances(self, covariance_rtn: FloatArray) -> FloatArray:
         """Return the covariances of a relative position, m2, GCRF axes, shape (n, 3, 3).
@@ -213,7 +230,9 @@ class ChiefMotion:
             Covariance of the relative state at the start, shape (6, 6).
         """
         to_position = self.position_from_relative
-        return np.asarray(to_position @ covariance_rtn @ np.swapaxes(to_position, 1, 2))
+        # One product of all rows: a product for each moment would take four times as long.
+        times_covariance = (to_position.reshape(-1, 6) @ covariance_rtn).reshape(-1, 3, 6)
+        return np.asarray(times_covariance @ np.swapaxes(to_position, 1, 2))
 
     def formation(
         self,
@@ -242,9 +261,7 @@ class ChiefMotion:
             flown = free_flight(np.array(deputies), self.times)
             relative[1:] = np.swapaxes(flown - self.states_gcrf[:, np.newaxis], 0, 1)
             covariances[1:] = position_covariances
-        return FreeMotion(
-            self.times, tuple(names), relative, covariances, self.transition, self.rotation
-        )
+        return FreeMotion(self.times, tuple(names), relative, covariances, self)
 
 
 def predict_chief_motion(state_chief_gcrf: FloatArray, orbits: float) -> ChiefMotion:
@@ -262,22 +279,61 @@ def predict_chief_motion(state_chief_gcrf: FloatArray, orbits: float) -> ChiefMo
     period = 2.0 * math.pi * math.sqrt(float(axis) ** 3 / GM_EARTH)
     times = prediction_times(period, orbits)
     flown = free_flight(np.array([chief, *(chief + np.diag(_DISPLACEMENTS))]), times)
-    transition = np.swapaxes(flown[:, 1:] - flown[:, :1], 1, 2) / _DISPLACEMENTS
-
     rotation_start = rotation_gcrf_to_rtn(chief)
-    momentum = np.cross(chief[:3], chief[3:])
+    momentum = cross(chief[:3], chief[3:])
     rate = np.array([0.0, 0.0, np.linalg.norm(momentum) / float(chief[:3] @ chief[:3])])
     to_gcrf = np.zeros((6, 6))
     to_gcrf[:3, :3] = to_gcrf[3:, 3:] = rotation_start.T
     to_gcrf[3:, :3] = rotation_start.T @ skew(rate)
-    to_position = np.ascontiguousarray(transition[:, :3]) @ to_gcrf
+    states, rotation, positions = _describe_flights(flown, _DISPLACEMENTS)
+    to_position = (positions.reshape(-1, 6) @ to_gcrf).reshape(-1, 3, 6)
+    return ChiefMotion(times, flown, states, rotation, to_position)
 
-    states = np.ascontiguousarray(flown[:, 0])
-    radial = states[:, :3] / np.linalg.norm(states[:, :3], axis=1, keepdims=True)
-    normal = np.cross(states[:, :3], states[:, 3:])
-    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-    rotation = np.stack((radial, np.cross(normal, radial), normal), axis=1)
-    return ChiefMotion(times, states, transition, rotation, to_position)
+
+@compiled
+def _describe_flights(
+    flown: FloatArray, displacements: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return states and axes of a chief, and the positions of its transition.
+
+    Parameters
+    ----------
+    flown
+        As of `ChiefMotion`, shape (n, 7, 6).
+    displacements
+        Displacements of the flights, m and m/s, shape (6,).
+
+    Returns
+    -------
+    states
+        Chief, m and m/s, shape (n, 6).
+    rotation
+        Rows R, T, N of the chief in GCRF, shape (n, 3, 3).
+    positions
+        From a difference at the start to its position later, GCRF axes, shape (n, 3, 6).
+    """
+    count = len(flown)
+    states, rotation = np.empty((count, 6)), np.empty((count, 3, 3))
+    positions = np.empty((count, 3, 6))
+    for index in range(count):
+        x, y, z = flown[index, 0, 0], flown[index, 0, 1], flown[index, 0, 2]
+        vx, vy, vz = flown[index, 0, 3], flown[index, 0, 4], flown[index, 0, 5]
+        for k in range(6):
+            states[index, k] = flown[index, 0, k]
+            for axis in range(3):
+                difference = flown[index, k + 1, axis] - flown[index, 0, axis]
+                positions[index, axis, k] = difference / displacements[k]
+        radius = math.sqrt(x * x + y * y + z * z)
+        rx, ry, rz = x / radius, y / radius, z / radius
+        nx, ny, nz = y * vz - z * vy, z * vx - x * vz, x * vy - y * vx
+        size = math.sqrt(nx * nx + ny * ny + nz * nz)
+        nx, ny, nz = nx / size, ny / size, nz / size
+        rotation[index, 0, 0], rotation[index, 0, 1], rotation[index, 0, 2] = rx, ry, rz
+        rotation[index, 1, 0] = ny * rz - nz * ry
+        rotation[index, 1, 1] = nz * rx - nx * rz
+        rotation[index, 1, 2] = nx * ry - ny * rx
+        rotation[index, 2, 0], rotation[index, 2, 1], rotation[index, 2, 2] = nx, ny, nz
+    return states, rotation, positions
 
 
 @compiled

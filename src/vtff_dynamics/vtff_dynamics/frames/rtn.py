@@ -21,6 +21,9 @@ __all__ = [
 ]
 
 
+_Row = tuple[float, float, float]
+
+
 def rotation_gcrf_to_rtn(state_gcrf: npt.ArrayLike) -> FloatArray:
     """Return the rotation matrix (3, 3) from GCRF to the RTN axes of a state (6,).
 
@@ -29,6 +32,11 @@ def rotation_gcrf_to_rtn(state_gcrf: npt.ArrayLike) -> FloatArray:
     ValueError
         If position and velocity are parallel or zero, so that there is no orbital plane.
     """
+    return np.array(_axes_rtn(state_gcrf)[0])
+
+
+def _axes_rtn(state_gcrf: npt.ArrayLike) -> tuple[tuple[_Row, _Row, _Row], float]:
+    """Return the axes of a state (6,) and the size of its angular momentum, m2/s."""
     # Numbers one by one: operations on arrays of three take three times as long.
     x, y, z, vx, vy, vz = np.asarray(state_gcrf, dtype=float).tolist()
     nx, ny, nz = y * vz - z * vy, z * vx - x * vz, x * vy - y * vx
@@ -39,7 +47,19 @@ def rotation_gcrf_to_rtn(state_gcrf: npt.ArrayLike) -> FloatArray:
     x, y, z = x / radius, y / radius, z / radius
     nx, ny, nz = nx / magnitude, ny / magnitude, nz / magnitude
     along = (ny * z - nz * y, nz * x - nx * z, nx * y - ny * x)
-    return np.array([(x, y, z), along, (nx, ny, nz)])
+    return ((x, y, z), along, (nx, ny, nz)), magnitude
+
+
+def _axes_and_rates(
+    state_gcrf: FloatArray, acceleration_gcrf: npt.ArrayLike | None
+) -> tuple[FloatArray, float, float]:
+    """Return `rotation_gcrf_to_rtn` and the rates of the axes about R and N, rad/s."""
+    axes, momentum = _axes_rtn(state_gcrf)
+    rate_n = momentum / float(state_gcrf[:3] @ state_gcrf[:3])
+    rate_r = 0.0
+    if acceleration_gcrf is not None:
+        rate_r = float(angular_velocity_rtn(state_gcrf, acceleration_gcrf)[0])
+    return np.array(axes), rate_r, rate_n
 
 
 def angular_velocity_rtn(
@@ -99,10 +119,20 @@ def relative_state_rtn(
     """
     chief = np.asarray(state_chief_gcrf, dtype=float)
     difference = np.asarray(state_deputy_gcrf, dtype=float) - chief
-    rotation = rotation_gcrf_to_rtn(chief)
-    position = rotation @ difference[:3]
-    transport = cross(angular_velocity_rtn(chief, acceleration_chief_gcrf), position)
-    return np.concatenate((position, rotation @ difference[3:] - transport))
+    rotation, rate_r, rate_n = _axes_and_rates(chief, acceleration_chief_gcrf)
+    x, y, z = (rotation @ difference[:3]).tolist()
+    vx, vy, vz = (rotation @ difference[3:]).tolist()
+    # Less the cross product of the rates (rate_r, 0, rate_n) and the position.
+    return np.array(
+        [
+            x,
+            y,
+            z,
+            vx - (0.0 * z - rate_n * y),
+            vy - (rate_n * x - rate_r * z),
+            vz - (rate_r * y - 0.0 * x),
+        ]
+    )
 
 
 def deputy_state_gcrf(
@@ -127,10 +157,16 @@ def deputy_state_gcrf(
         If the chief's position and velocity are parallel.
     """
     chief = np.asarray(state_chief_gcrf, dtype=float)
-    relative = np.asarray(relative_state, dtype=float)
-    to_gcrf = rotation_gcrf_to_rtn(chief).T
-    transport = cross(angular_velocity_rtn(chief, acceleration_chief_gcrf), relative[:3])
+    x, y, z, vx, vy, vz = np.asarray(relative_state, dtype=float).tolist()
+    rotation, rate_r, rate_n = _axes_and_rates(chief, acceleration_chief_gcrf)
+    to_gcrf = rotation.T
+    # The velocity and the cross product of the rates (rate_r, 0, rate_n) and the position.
+    velocity = (
+        vx + (0.0 * z - rate_n * y),
+        vy + (rate_n * x - rate_r * z),
+        vz + (rate_r * y - 0.0 * x),
+    )
     deputy: FloatArray = chief + np.concatenate(
-        (to_gcrf @ relative[:3], to_gcrf @ (relative[3:] + transport))
+        (to_gcrf @ np.array([x, y, z]), to_gcrf @ np.array(velocity))
     )
     return deputy
