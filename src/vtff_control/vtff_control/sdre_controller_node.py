@@ -245,7 +245,7 @@ class SdreControllerNode(VtffNode):
             measured = epoch.measured
             if "target" in measured:
                 self._take_target(measured["target"])
-            thrust = np.zeros(3)
+            thrust = None
             if "feedforward" in measured:
                 linear = measured["feedforward"].accel.linear
                 thrust = np.array([linear.x, linear.y, linear.z])
@@ -270,12 +270,12 @@ class SdreControllerNode(VtffNode):
 
     def _on_relative_state(self, message: RelativeState) -> None:
         if self._guided is None:
-            self._answer(message, np.zeros(3))
+            self._answer(message, None)
         else:
             self._join("state", message)
 
-    def _answer(self, message: RelativeState, feedforward: FloatArray) -> None:
-        """Publish the command for a state, with a feedforward in m/s2 in RTN, shape (3,)."""
+    def _answer(self, message: RelativeState, feedforward: FloatArray | None) -> None:
+        """Publish the command for a state, with a feedforward in RTN, m/s2, shape (3,)."""
         started = time.perf_counter()
         deputy = self.parameters.deputy
         if self.finished or not self.is_of_deputy(message, deputy, "relative_state"):
@@ -293,7 +293,7 @@ class SdreControllerNode(VtffNode):
         self._refused += not self._result.valid
         linear = self._command.accel.linear
         command = self._result.acceleration_rtn
-        if self._result.valid and feedforward.any():
+        if self._result.valid and feedforward is not None and feedforward.any():
             cap = self.parameters.acceleration_cap
             command = np.clip(command + feedforward, -cap, cap)
         linear.x, linear.y, linear.z = command.tolist()

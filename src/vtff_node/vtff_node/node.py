@@ -369,13 +369,14 @@ class VtffNode(Node):
         shown
             Further values that the progress bar shows.
         """
-        if self._progress_descriptor is None:
+        if not (urgent or done >= total or self.is_progress_due()):
             return
-        now = time.monotonic()
-        if now < self._progress_next and done < total and not urgent:
-            return
-        self._progress_next = now + PROGRESS_INTERVAL
+        self._progress_next = time.monotonic() + PROGRESS_INTERVAL
         self._write_to_runner({"node": self._qualified_name, "done": done, "total": total, **shown})
+
+    def is_progress_due(self) -> bool:
+        """Return whether somebody waits for a progress line, and the last one is old enough."""
+        return self._progress_descriptor is not None and time.monotonic() >= self._progress_next
 
     def report_alive(self, ready: bool) -> None:
         """Tell `vtff run` that this node goes on; to be called about once a second of wall time.

@@ -570,6 +570,9 @@ class SimgenBridgeNode(VtffNode):
         self._status_publisher.publish(status)
 
     def _show_progress(self, *, urgent: bool = False) -> None:
+        is_last = self._step_source.step >= self._steps
+        if not (urgent or is_last or self.is_progress_due()):
+            return
         separations = {
             name: float(message.position[1])
             for name, (_, message) in self._relative_messages.items()

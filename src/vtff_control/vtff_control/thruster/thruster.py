@@ -105,6 +105,7 @@ class Thruster:
             )
         self.isolated = np.zeros(3, dtype=bool)
         self._stuck = stuck
+        self._can_stick = bool(stuck.any())
         self._stuck_after = round(stuck_after * 1e9)
         self._first_start: int | None = None
         self._delay = delay_steps * round(step * 1e9)
@@ -138,9 +139,9 @@ class Thruster:
             limited = np.clip(limited, -self._limit, self._limit)
         if self._first_start is None:
             self._first_start = start_stamp
-        if self._stuck.any() and start_stamp - self._first_start >= self._stuck_after:
+        if self._can_stick and start_stamp - self._first_start >= self._stuck_after:
             limited = np.where(self._stuck != 0.0, self._stuck, limited)
-        if self.isolated.any():
+        if True in self.isolated.tolist():
             limited = np.where(self.isolated, 0.0, limited)
         # Adding zero turns a negative zero into a positive one: equal thrust, equal bytes.
         return AppliedThrust(start_stamp, limited + 0.0, saturated, reason)

@@ -41,6 +41,9 @@ DISTURBANCE_WALK = 3e-9
 """Change of the disturbance, m/s2 per square root of a second: 1e-7 m/s2 in 1000 s."""
 
 
+_FLOOR = np.diag([POSITION_FLOOR**2] * 3 + [VELOCITY_FLOOR**2] * 3)
+
+
 class DeviationObserver:
     """Estimates deviation and disturbance of one deputy; see the module.
 
@@ -55,6 +58,8 @@ class DeviationObserver:
         self._mean_motion = 0.0
         self._transition: FloatArray = np.eye(9)
         self._input: FloatArray = np.zeros((9, 3))
+        self._square_of_input = self._input @ self._input.T
+        self._walk = DISTURBANCE_WALK**2 * sample_time * np.eye(3)
         self._state: FloatArray = np.zeros(9)
         self._covariance: FloatArray = np.zeros((9, 9))
         self._covariance[6:, 6:] = DISTURBANCE_SIGMA**2 * np.eye(3)
@@ -80,9 +85,7 @@ class DeviationObserver:
         covariance_rtn
             Covariance of the navigated state, shape (6, 6); None for the truth.
         """
-        noise = np.diag([POSITION_FLOOR**2] * 3 + [VELOCITY_FLOOR**2] * 3)
-        if covariance_rtn is not None:
-            noise = noise + covariance_rtn
+        noise = _FLOOR if covariance_rtn is None else _FLOOR + covariance_rtn
         if not self._is_started:
             self._is_started = True
             self._state[:6] = deviation_rtn
@@ -113,10 +116,9 @@ class DeviationObserver:
         variance = thrust * thrust + model * model + ACCELERATION_SIGMA**2
         self._state = self._transition @ self._state + self._input @ acceleration_rtn
         self._covariance = self._transition @ self._covariance @ self._transition.T + variance * (
-            self._input @ self._input.T
+            self._square_of_input
         )
-        walk = DISTURBANCE_WALK**2 * self._sample_time
-        self._covariance[6:, 6:] += walk * np.eye(3)
+        self._covariance[6:, 6:] += self._walk
 
     def _set_mean_motion(self, mean_motion: float) -> None:
         """Sample the HCW equations anew if the mean motion has changed by more than a per mille."""
@@ -127,3 +129,4 @@ class DeviationObserver:
         self._transition[:6, :6] = transition
         self._transition[:6, 6:] = effect
         self._input[:6] = effect
+        self._square_of_input = self._input @ self._input.T

@@ -19,7 +19,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from vtff_dynamics.vectors import FloatArray, norm
+from vtff_dynamics.vectors import FloatArray, is_finite, norm
 
 __all__ = ["sigma_reason", "significant_velocity", "unsafe_velocity", "usable_covariance"]
 
@@ -41,9 +41,9 @@ def usable_covariance(values: npt.ArrayLike) -> FloatArray:
         raise ValueError("covariance: not numeric") from None
     if covariance.shape != (6, 6):
         raise ValueError(f"covariance: shape (6, 6) expected, got {covariance.shape}")
-    if not np.isfinite(covariance).all():
+    if not is_finite(covariance):
         raise ValueError("covariance: not finite")
-    if covariance.diagonal().min() < 0.0:
+    if min(covariance.diagonal().tolist()) < 0.0:
         raise ValueError("covariance: a negative variance")
     return covariance
 

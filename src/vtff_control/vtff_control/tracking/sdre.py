@@ -35,7 +35,7 @@ from vtff_control.tracking.navigation_bounds import (
 )
 from vtff_control.tracking.riccati import Weights, delayed_riccati_gain, riccati_gain
 from vtff_dynamics.constants import J2_EARTH, RADIUS_EARTH_JGM3
-from vtff_dynamics.frames.rtn import rotation_gcrf_to_rtn
+from vtff_dynamics.frames.rtn import angular_velocity_rtn, rotation_gcrf_to_rtn
 from vtff_dynamics.orbit.elements import osculating_mean_motion
 from vtff_dynamics.orbit.gravity import gravity_acceleration, predict_state
 from vtff_dynamics.relative.motion import (
@@ -303,6 +303,10 @@ class SdreController:
             bandwidth = (self._weights.position / self._weights.control) ** 0.25
             self._schedule = BandwidthSchedule(bandwidth, self._options.tolerated_deviation)
         self._left_over: FloatArray = np.zeros(3)
+        quantum = self._options.quantum
+        # 1.4 / 1e-5 is 139999.99...: the slack keeps what is a multiple of the quantum.
+        self._slack = (1.0 + 1e-12) / quantum if quantum > 0.0 else 0.0
+        self._quantised_caps = np.minimum(np.floor(self._caps * self._slack) * quantum, self._caps)
         self._target: FloatArray | None = None
         self.reset()
 
@@ -422,10 +426,7 @@ class SdreController:
         A quantum is given when a whole one is due. Rounded to the nearest, the thruster would
         answer its own ripple, at ten times the fuel.
         """
-        quantum = self._options.quantum
-        # 1.4 / 1e-5 is 139999.99...: the slack keeps what is a multiple of the quantum.
-        slack = (1.0 + 1e-12) / quantum
-        limit = np.minimum(np.floor(self._caps * slack) * quantum, self._caps)
+        quantum, slack, limit = self._options.quantum, self._slack, self._quantised_caps
         wanted = acceleration + self._left_over
         given = np.clip(np.trunc(wanted * slack) * quantum, -limit, limit)
         # What the cap has cut off is not made up for.
@@ -455,7 +456,7 @@ class SdreController:
         disturbance = np.zeros(3)
         if self._observer is not None:
             deviation[3:] -= self._velocity_at_rest(state_chief, relative_state)
-            if self._target is not None and not np.array_equal(target, self._target):
+            if self._target is not None and target.tolist() != self._target.tolist():
                 self._observer.restart()
             self._target = target
             deviation = self._observer.update(deviation, covariance)
@@ -567,9 +568,9 @@ class SdreController:
         state_middle = predict_state(state_start, 0.5 * sample_time, self._j2)
         position = target[:3] + (self.design.delay_steps + 0.5) * sample_time * target[3:]
         gravity = self._chief_gravity(state_middle)
-        rates = frame_rates_rtn(state_middle, gravity)
         acceleration = holding_acceleration(position, state_middle, gravity)
-        acceleration += 2.0 * cross(rates.angular_velocity_rtn, target[3:])
+        rates = angular_velocity_rtn(state_middle, gravity)
+        acceleration += 2.0 * cross(rates, target[3:])
         turn = rotation_gcrf_to_rtn(state_start) @ rotation_gcrf_to_rtn(state_middle).T
         return np.asarray(turn @ acceleration)
 
@@ -580,9 +581,8 @@ class SdreController:
         Perturbations out of the plane turn it about R as well, so that a deputy at rest 15 km
         in-track seems to drift along N by millimetres per second.
         """
-        rates = frame_rates_rtn(state_chief, self._chief_gravity(state_chief))
-        rate_radial = np.array([rates.angular_velocity_rtn[0], 0.0, 0.0])
-        return cross(rate_radial, state[:3])
+        rates = angular_velocity_rtn(state_chief, self._chief_gravity(state_chief))
+        return cross((rates[0], 0.0, 0.0), state[:3])
 
     def _chief_gravity(self, state_chief: FloatArray) -> FloatArray | None:
         """Acceleration of the chief for the feedforward; None stands for two-body."""

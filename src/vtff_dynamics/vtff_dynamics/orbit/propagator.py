@@ -73,7 +73,7 @@ class Propagator:
         ):
             raise ValueError(f"step {step}: must be a whole number of nanoseconds")
         self._step = self._step_nanoseconds / NANOSECONDS_PER_SECOND
-        self._time = time
+        self._nanoseconds = time.nanoseconds
         self._state_gcrf: FloatArray = state
         self._force_model = force_model if force_model is not None else ForceModel()
         self._force_model.prepare_environment()
@@ -86,7 +86,7 @@ class Propagator:
     @property
     def time(self) -> GpsTime:
         """Time of the current state."""
-        return self._time
+        return GpsTime(self._nanoseconds)
 
     @property
     def state_gcrf(self) -> FloatArray:
@@ -137,7 +137,7 @@ class Propagator:
             self._step_rk4()
         else:
             self._step_euler()
-        self._time = GpsTime(self._time.nanoseconds + self._step_nanoseconds)
+        self._nanoseconds += self._step_nanoseconds
         return np.array(self._state_gcrf)
 
     def acceleration_gcrf(self) -> FloatArray:
@@ -145,7 +145,7 @@ class Propagator:
 
         Thrust is not included: the caller knows what it is going to apply.
         """
-        return self._force_model.acceleration(self._time, self._state_gcrf)
+        return self._force_model.acceleration(self.time, self._state_gcrf)
 
     def jerk_gcrf(self) -> FloatArray:
         """Return the jerk by gravity at the current state, m/s3, shape (3,)."""
@@ -162,7 +162,7 @@ class Propagator:
         ).with_initial_step(self._step)
         thrust_derivative = self._thrust_derivative
         propagator = brahe.NumericalOrbitPropagator(
-            self._time.to_brahe_epoch(),
+            self.time.to_brahe_epoch(),
             self._state_gcrf,
             configuration,
             self._force_model.to_brahe(),
@@ -190,5 +190,5 @@ class Propagator:
         """Advance the state by one explicit Euler step."""
         derivative = self._thrust_derivative.copy()
         derivative[:3] = self._state_gcrf[3:]
-        derivative[3:] += self._force_model.acceleration(self._time, self._state_gcrf)
+        derivative[3:] += self._force_model.acceleration(self.time, self._state_gcrf)
         self._state_gcrf = self._state_gcrf + self._step * derivative

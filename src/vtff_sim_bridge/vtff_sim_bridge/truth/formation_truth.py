@@ -85,6 +85,7 @@ class FormationTruth:
             )
             for name, state in spacecraft
         }
+        self._time = time
         self._states = {name: each.state_gcrf for name, each in self._propagators.items()}
         self._earth = EarthMotionSeries(round(step * NANOSECONDS_PER_SECOND))
 
@@ -106,7 +107,7 @@ class FormationTruth:
     @property
     def time(self) -> GpsTime:
         """Time of the current states."""
-        return self._propagators[self._chief].time
+        return self._time
 
     def state_gcrf(self, name: str) -> FloatArray:
         """Position and velocity of a spacecraft in GCRF, m and m/s, shape (6,); not to be changed.
@@ -157,6 +158,7 @@ class FormationTruth:
         }
         for name, propagator in self._propagators.items():
             self._states[name] = propagator.advance(accelerations_gcrf.get(name))
+        self._time = self._propagators[self._chief].time
         self._steps_done += 1
         self._rotation = None
         self._acting.clear()
