@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -15,7 +16,18 @@ from vtff_sim_bridge.receiver.arriving_signals import ArrivingSignals
 from vtff_sim_bridge.receiver.observables import Observables
 from vtff_sim_bridge.receiver.tracking import Tracks
 
-__all__ = ["Measurements"]
+__all__ = ["Measurements", "epoch_times"]
+
+
+@functools.lru_cache(maxsize=2)
+def epoch_times(start: GpsTime, first: int, last: int) -> tuple[GpsTime, ...]:
+    """Return the times of epochs `first` to `last` since the start of a run.
+
+    All receivers ask for the same ones.
+    """
+    return tuple(
+        GpsTime(start.nanoseconds + epoch * EPOCH_NANOSECONDS) for epoch in range(first, last + 1)
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,10 +68,9 @@ class Measurements:
         used = np.flatnonzero(is_tracked.any(axis=0))
         if len(used) == len(plan.row):
             used = slice(None)  # type: ignore[assignment]
-        epochs = range(self.first_epoch, self.first_epoch + len(is_tracked))
-        start = self.start.nanoseconds
+        last_epoch = self.first_epoch + len(is_tracked) - 1
         return ObservationSeries(
-            times=[GpsTime(start + epoch * EPOCH_NANOSECONDS) for epoch in epochs],
+            times=epoch_times(self.start, self.first_epoch, last_epoch),
             time_status=self.time_status,
             receiver_status=0,
             log_name="RANGE",

@@ -8,6 +8,7 @@ table of responses.
 
 from __future__ import annotations
 
+import operator
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -30,6 +31,7 @@ from vtff_sim_bridge.receiver.receiver_logs import (
     LogContext,
     LogDefinition,
     LogEncoder,
+    RangeEncoder,
     ReceiverOutputs,
 )
 
@@ -81,12 +83,15 @@ class _LogRequest:
     last_sequence: object = None
     last_items: dict[object, Any] = field(default_factory=dict)
 
-    def is_due(self, time_of_week_nanoseconds: int) -> bool:
-        """Tell whether the log may have to be sent at an epoch."""
+    def due_epochs(self, times_of_week: Sequence[int]) -> Sequence[int]:
+        """Return the indices of the epochs, at times of the week in ns, at which it may be due.
+
+        What is no matter of time is so at the first one: nothing is received within.
+        """
         if self.trigger != "ONTIME":
-            return True
-        since = time_of_week_nanoseconds - self.offset_nanoseconds
-        return since % self.period_nanoseconds == 0
+            return (0,)
+        offset, period = self.offset_nanoseconds, self.period_nanoseconds
+        return [k for k, time in enumerate(times_of_week) if (time - offset) % period == 0]
 
     def choose(self, items: Sequence[Any]) -> list[Any]:
         """Return the items to send: with ONNEW and ONCHANGED those not sent before."""
@@ -126,28 +131,34 @@ class _Line:
         self._time_nanoseconds: int | None = None
         self._credit = 0
         self._recent: deque[tuple[int, int]] = deque()
-        self._recent_bytes = 0
 
-    def send(self, time: GpsTime, frames: list[bytes]) -> tuple[bytes, bool]:
-        """Take the frames of an epoch; return the bytes to put out, and whether any was dropped.
+    def send(self, times: Sequence[GpsTime], frames: Sequence[list[bytes]]) -> list[bytes]:
+        """Take the frames of epochs; return the bytes to put out at each.
 
-        With a limit these are the bytes that the line carried since the last epoch.
+        With a limit these are the bytes that the line carried since the epoch before.
         """
-        self._account(time.nanoseconds, sum(map(len, frames)))
+        contents = [of_one[0] if len(of_one) == 1 else b"".join(of_one) for of_one in frames]
+        self._account(times, contents)
         if not self.is_limited:
-            return b"".join(frames), False
+            return contents
+        return [self._pass_on(*epoch) for epoch in zip(times, frames, strict=True)]
+
+    def _pass_on(self, time: GpsTime, frames: list[bytes]) -> bytes:
         carried = self._carry(time.nanoseconds)
-        dropped = self.dropped_frames
         for frame in frames:
             if len(self.waiting) + len(frame) <= self._buffer_bytes:
                 self.waiting += frame
             else:
                 self.dropped_frames += 1
-        return carried, self.dropped_frames > dropped
+        return carried
 
     def load_percent(self) -> float:
         """Return the bits asked for in the last second of scenario time, relative to the rate."""
-        return 100.0 * self._recent_bytes * self.bits_per_byte / self.baud
+        if not self._recent:
+            return 0.0
+        before = self._recent[-1][0] - NANOSECONDS_PER_SECOND
+        recent_bytes = sum(count for time, count in self._recent if time > before)
+        return 100.0 * recent_bytes * self.bits_per_byte / self.baud
 
     def _carry(self, nanoseconds: int) -> bytes:
         if self._time_nanoseconds is not None:
@@ -161,11 +172,11 @@ class _Line:
         self._credit = self._credit - count * per_byte if self.waiting else 0
         return carried
 
-    def _account(self, nanoseconds: int, count: int) -> None:
-        self._recent.append((nanoseconds, count))
-        self._recent_bytes += count
-        while self._recent[0][0] <= nanoseconds - NANOSECONDS_PER_SECOND:
-            self._recent_bytes -= self._recent.popleft()[1]
+    def _account(self, times: Sequence[GpsTime], contents: list[bytes]) -> None:
+        nanoseconds = [time.nanoseconds for time in times]
+        while self._recent and self._recent[0][0] <= nanoseconds[0] - NANOSECONDS_PER_SECOND:
+            self._recent.popleft()
+        self._recent.extend(zip(nanoseconds, map(len, contents), strict=True))
 
 
 class ReceiverFirmware:
@@ -301,39 +312,71 @@ class ReceiverFirmware:
         return answer
 
     def advance(self, time: GpsTime, outputs: ReceiverOutputs) -> bytes:
-        """Go on to an epoch and return the bytes that the port sends.
+        """Go on to an epoch and return the bytes that the port sends, see `advance_epochs`."""
+        return self.advance_epochs((time,), outputs)[0]
+
+    def advance_epochs(self, times: Sequence[GpsTime], outputs: ReceiverOutputs) -> list[bytes]:
+        """Go on over epochs and return the bytes that the port sends at each.
 
         Parameters
         ----------
-        time : GpsTime
-            Later than all epochs before; a log ONTIME is sent if this is a multiple of its
-            period after its offset.
+        times : sequence of GpsTime
+            Epochs one after the other, later than all before; a log ONTIME is sent if the time
+            is a multiple of its period after its offset.
         outputs : ReceiverOutputs
-            Solutions and messages that logs are made of.
+            Solutions and messages that logs are made of; its series goes on with these epochs.
 
         Raises
         ------
         ValueError
-            If `time` is not later than the epoch before.
+            If a time is not later than the epoch before.
         """
-        if self._time is not None and time <= self._time:
-            raise ValueError(f"time: {time} is not later than {self._time}")
-        self._time = time
-        frames: list[bytes] = []
+        if self._line.is_limited and len(times) > 1:
+            # Frames tell whether those of the epoch before were dropped.
+            return [self.advance(time, outputs) for time in times]
+        nanoseconds = [time.nanoseconds for time in times]
+        if self._time is not None:
+            nanoseconds.insert(0, self._time.nanoseconds)
+        if any(map(operator.ge, nanoseconds, nanoseconds[1:])):
+            raise ValueError(f"time: from {times[0]} on one is not later than that before")
+        frames: list[list[bytes]] = [[] for _ in times]
+        times_of_week = [time.time_of_week_nanoseconds for time in times]
         done = []
-        time_of_week = time.time_of_week_nanoseconds
         for key, request in self._requests_in_order():
-            if request.is_due(time_of_week):
-                items = request.choose(request.definition.items(outputs, time))
-                frames += [self._frame(request, item) for item in items]
-                if request.trigger == "ONCE":
-                    done.append(key)
+            due = request.due_epochs(times_of_week)
+            if due:
+                self._add_frames(frames, request, due, times, outputs)
+            if request.trigger == "ONCE":
+                done.append(key)
         for key in done:
             del self._requests[key]
             self._schedule = None
-        carried, is_dropped = self._line.send(time, frames)
-        self._has_overrun |= is_dropped
-        return carried
+        self._time = times[-1]
+        dropped = self._line.dropped_frames
+        contents = self._line.send(times, frames)
+        self._has_overrun |= self._line.dropped_frames > dropped
+        return contents
+
+    def _add_frames(
+        self,
+        frames: list[list[bytes]],
+        request: _LogRequest,
+        due: Sequence[int],
+        times: Sequence[GpsTime],
+        outputs: ReceiverOutputs,
+    ) -> None:
+        """Add those of a log at the epochs at which it is due."""
+        self._time = times[due[0]]
+        if isinstance(request.encoder, RangeEncoder) and request.format_suffix == "B":
+            first = outputs.observations(self._time)
+            encoded = request.encoder.encode_series(first.series, self._context())
+            for k in due:
+                frames[k].append(encoded[first.index + k - due[0]])
+            return
+        for k in due:
+            self._time = times[k]
+            items = request.choose(request.definition.items(outputs, times[k]))
+            frames[k] += [self._frame(request, item) for item in items]
 
     def _requests_in_order(self) -> list[tuple[tuple[str, str, str], _LogRequest]]:
         """Return the logs of this port in the order of sending."""
@@ -385,18 +428,14 @@ class ReceiverFirmware:
             answer = f"ERROR:{error}"
         return f"\r\n<{answer}".encode("ascii") + self._prompt() + b"".join(self._at_once)
 
-    def _frame(self, request: _LogRequest, item: Any) -> bytes:
+    def _context(self) -> LogContext:
+        """Return what the headers of all logs of the present epoch have in common."""
         overrun = _OVERRUN_BIT[self.port_name] if self._has_overrun else 0
-        frame = request.encoder(
-            item,
-            LogContext(
-                self._time,
-                self._settings,
-                self.time_status,
-                self.receiver_status | overrun,
-                self._versions,
-            ),
-        )
+        status = self.receiver_status | overrun
+        return LogContext(self._time, self._settings, self.time_status, status, self._versions)
+
+    def _frame(self, request: _LogRequest, item: Any) -> bytes:
+        frame = request.encoder(item, self._context())
         if request.format_suffix == "B":
             return frame
         if self._decoder is None:

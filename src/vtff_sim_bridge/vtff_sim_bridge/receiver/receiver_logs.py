@@ -47,7 +47,10 @@ class EpochOfSeries:
 
 
 class ReceiverOutputs(Protocol):
-    """Data that a receiver has for its logs at an epoch; computed only when a log is due."""
+    """Data that a receiver has for its logs at some epochs; computed only when a log is due.
+
+    What its messages tell does not change from the first to the last of these epochs.
+    """
 
     def observations(self, time: GpsTime) -> EpochOfSeries:
         """Return the observations of the epoch, with those of the epochs around it."""
@@ -106,24 +109,26 @@ class LogDefinition:
     is_static: bool = False
 
 
-class _RangeEncoder:
+class RangeEncoder:
     """Encoder of RANGE: encodes a whole series at its first epoch, which is many times cheaper."""
 
     def __init__(self) -> None:
         self._series: ObservationSeries | None = None
         self._receiver_status = 0
-        self._first_index = 0
         self._frames: list[bytes] = []
 
     def __call__(self, item: EpochOfSeries, context: LogContext) -> bytes:
         """Return the frame of an epoch."""
-        if item.series is not self._series or context.receiver_status != self._receiver_status:
-            self._series = item.series
+        return self.encode_series(item.series, context)[item.index]
+
+    def encode_series(self, series: ObservationSeries, context: LogContext) -> list[bytes]:
+        """Return the frames of all epochs of a series."""
+        if series is not self._series or context.receiver_status != self._receiver_status:
+            self._series = series
             self._receiver_status = context.receiver_status
-            self._first_index = item.index
-            series = _with_status(item.series, context.receiver_status)
-            self._frames = encode_range_series(series, context.settings, item.index)
-        return self._frames[item.index - self._first_index]
+            series = _with_status(series, context.receiver_status)
+            self._frames = encode_range_series(series, context.settings)
+        return self._frames
 
 
 def _rangecmp(item: EpochOfSeries, context: LogContext) -> bytes:
@@ -200,7 +205,7 @@ def _version(_item: object, context: LogContext) -> bytes:
 
 
 LOG_DEFINITIONS: tuple[LogDefinition, ...] = (
-    LogDefinition("RANGE", _SYNCHRONOUS, _observations, _RangeEncoder),
+    LogDefinition("RANGE", _SYNCHRONOUS, _observations, RangeEncoder),
     LogDefinition("RANGECMP", _SYNCHRONOUS, _observations, lambda: _rangecmp),
     LogDefinition("RANGECMP4", _SYNCHRONOUS, _observations, _rangecmp4_encoder),
     LogDefinition("BESTXYZ", _SYNCHRONOUS, lambda o, t: (o.fix(t),), lambda: _bestxyz),

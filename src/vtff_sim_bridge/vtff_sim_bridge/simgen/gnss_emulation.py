@@ -26,6 +26,7 @@ from vtff_sim_bridge.noise.random_streams import (
     receiver_number,
 )
 from vtff_sim_bridge.receiver.measurement_engine import MeasurementEngine
+from vtff_sim_bridge.receiver.measurements import epoch_times
 from vtff_sim_bridge.receiver.receiver_firmware import ReceiverFirmware
 from vtff_sim_bridge.receiver.receiver_port import ReceiverPort
 from vtff_sim_bridge.receiver.truth_file import TruthFile
@@ -160,11 +161,11 @@ class ReceiverSet:
         receiver.measure(second, emitted, vehicle_track(motion, second, emitted, antenna))
         emulated, faults = self._emulated[name], self._byte_faults[name]
         emulated.time_status = receiver.time_status
-        parts = []
-        for epoch in range(first, last + 1):
-            time = GpsTime(self._start.nanoseconds + epoch * EPOCH_NANOSECONDS)
-            parts.append(faults.apply(emulated.advance(time, receiver), epoch))
-        return b"".join(parts)
+        contents = emulated.advance_epochs(epoch_times(self._start, first, last), receiver)
+        if faults.are_scheduled:
+            epochs = range(first, last + 1)
+            contents = [faults.apply(*pair) for pair in zip(contents, epochs, strict=True)]
+        return b"".join(contents)
 
 
 class GnssEmulation:

@@ -10,6 +10,9 @@ import struct
 from dataclasses import dataclass
 from typing import Literal
 
+import numpy as np
+import numpy.typing as npt
+
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_gnss.novatel import message_ids as ids
 from vtff_gnss.novatel.framing import crc32_novatel
@@ -23,7 +26,10 @@ __all__ = [
     "TIME_STATUS_SATELLITE",
     "Generation",
     "HeaderSettings",
+    "check_length",
     "encode_frame",
+    "header_words",
+    "whole_milliseconds",
 ]
 
 HEADER_LENGTH = 28
@@ -59,6 +65,7 @@ _HEADER = struct.Struct("<BBBBHBBHHBBHIIHH")
 _CRC = struct.Struct("<I")
 _NANOSECONDS_PER_MILLISECOND = 1_000_000
 _MILLISECONDS_PER_WEEK = 604_800_000
+_LONGEST_PAYLOAD = 0xFFFF
 
 
 @dataclass(frozen=True)
@@ -129,17 +136,49 @@ def encode_frame(
     if time is None:
         time_status = TIME_STATUS_UNKNOWN
     if time is not None and time_status != TIME_STATUS_UNKNOWN:
-        total, rest = divmod(time.nanoseconds, _NANOSECONDS_PER_MILLISECOND)
-        if rest:
-            raise ValueError(f"time: {time} is not a whole millisecond")
+        total = whole_milliseconds(time).nanoseconds // _NANOSECONDS_PER_MILLISECOND
         week, milliseconds = divmod(total, _MILLISECONDS_PER_WEEK)
-    if len(payload) > 0xFFFF:
-        raise ValueError(f"payload: {len(payload)} bytes do not fit a frame")
-    header = _HEADER.pack(
-        0xAA, 0x44, 0x12, HEADER_LENGTH, message_id, 0, settings.port_address, len(payload),
+    check_length(len(payload))
+    header = _header(
+        message_id, len(payload), settings, time_status, week, milliseconds, receiver_status
+    )
+    content = header + payload
+    return content + _CRC.pack(crc32_novatel(content))
+
+
+def header_words(
+    message_id: int, settings: HeaderSettings, time_status: int, receiver_status: int
+) -> npt.NDArray[np.uint32]:
+    """Return a header as `encode_frame` makes it, without length and time, as 7 words."""
+    header = _header(message_id, 0, settings, time_status, 0, 0, receiver_status)
+    return np.frombuffer(header, dtype=np.uint32)
+
+
+def whole_milliseconds(time: GpsTime) -> GpsTime:
+    """Return a time that a header can hold; raise ValueError if it is no whole millisecond."""
+    if time.nanoseconds % _NANOSECONDS_PER_MILLISECOND:
+        raise ValueError(f"time: {time} is not a whole millisecond")
+    return time
+
+
+def check_length(payload_length: int) -> None:
+    """Raise ValueError if a payload, bytes, is too long for a frame."""
+    if payload_length > _LONGEST_PAYLOAD:
+        raise ValueError(f"payload: {payload_length} bytes do not fit a frame")
+
+
+def _header(
+    message_id: int,
+    payload_length: int,
+    settings: HeaderSettings,
+    time_status: int,
+    week: int,
+    milliseconds: int,
+    receiver_status: int,
+) -> bytes:
+    return _HEADER.pack(
+        0xAA, 0x44, 0x12, HEADER_LENGTH, message_id, 0, settings.port_address, payload_length,
         0, settings.idle_time, time_status, week, milliseconds, receiver_status,
         _DEFINITION_CRCS[settings.generation].get(message_id, 0),
         settings.software_version,
     )  # fmt: skip
-    content = header + payload
-    return content + _CRC.pack(crc32_novatel(content))
