@@ -1,8 +1,9 @@
 """Lines of sight to satellites of broadcast ephemerides, compiled.
 
 The formulas are those of `vtff_gnss.orbits.broadcast_orbit` and `vtff_gnss.orbits.line_of_sight`,
-which stay the reference (a test compares them). They are some hundred array operations, which on
-the dozen satellites of one epoch cost twenty times what the arithmetic does.
+which stay the reference (tests compare them). They are some hundred array operations, which on
+the dozen satellites of one epoch cost twenty times what the arithmetic does. `rays_to_motion` has
+the order of the reference, so that it is equal to the last bit.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from vtff_dynamics.constants import (
 )
 from vtff_gnss.constants import EARTH_ROTATION_RATE_BROADCAST
 
-__all__ = ["sights_of_receivers"]
+__all__ = ["interpolation_powers", "rays_to_motion", "sights_of_receivers"]
 
 _RATE = EARTH_ROTATION_RATE_BROADCAST
 _ECCENTRICITY_SQUARED = WGS84_FLATTENING * (2.0 - WGS84_FLATTENING)
@@ -128,6 +129,135 @@ def sights_of_receivers(  # type: ignore[no-untyped-def]
             result[13, m, s] = svz
             result[14, m, s] = clock - delay * drift
             result[15, m, s] = drift
+    return result
+
+
+@compiled
+def interpolation_powers(since, offset, interval):  # type: ignore[no-untyped-def]
+    """Return what polynomials of degree 5 are multiplied with to get values and derivatives.
+
+    Parameters
+    ----------
+    since : float
+        Time since the beginning of the interval, s, but for
+    offset : ndarray, shape (k,)
+        the rest of it, s.
+    interval : float
+        Length of the interval, which is the unit of the argument of the polynomials, s.
+
+    Returns
+    -------
+    ndarray, shape (3 k, 6)
+        Powers 0 to 5 of the k times; first derivatives of these; second derivatives.
+    """
+    count = len(offset)
+    powers = np.zeros((3 * count, 6))
+    for k in range(count):
+        s = (since + offset[k]) / interval
+        powers[k, 0] = 1.0
+        powers[k, 1] = s
+        for exponent in range(2, 6):
+            powers[k, exponent] = powers[k, exponent - 1] * s
+        for exponent in range(1, 6):
+            factor = exponent / interval
+            powers[count + k, exponent] = powers[k, exponent - 1] * factor
+            powers[2 * count + k, exponent] = powers[count + k, exponent - 1] * factor
+    return powers
+
+
+@compiled
+def rays_to_motion(motion, position, velocity, geodetic, travel_time):  # type: ignore[no-untyped-def]
+    """Return the rays from receivers to satellites whose motion is known near to transmission.
+
+    Parameters
+    ----------
+    motion : ndarray, shape (4, 3 k, n)
+        Position (3, m) and clock offset (s) of n satellites, so long before the k receptions as
+    travel_time : float
+        tells, s; then first and second derivatives (see `interpolation_powers`).
+    position, velocity : ndarray, shape (k, 3)
+        Antenna at reception, ITRF, m and m/s.
+    geodetic : ndarray, shape (k, 3)
+        Geodetic latitude and longitude (rad) of the antenna, and its height.
+
+    Returns
+    -------
+    ndarray, shape (15, k, n)
+        As `sights_of_receivers`, but without azimuth.
+    """
+    count, satellites = len(position), motion.shape[2]
+    result = np.empty((15, count, satellites))
+    angle = _RATE * travel_time
+    cosine_flight, sine_flight = math.cos(angle), math.sin(angle)
+    for k in range(count):
+        rx, ry, rz = position[k, 0], position[k, 1], position[k, 2]
+        # Velocity of the receiver in axes that do not rotate.
+        rvx = velocity[k, 0] - _RATE * ry
+        rvy = velocity[k, 1] + _RATE * rx
+        rvz = velocity[k, 2]
+        latitude, longitude = geodetic[k, 0], geodetic[k, 1]
+        zx = math.cos(latitude) * math.cos(longitude)
+        zy = math.cos(latitude) * math.sin(longitude)
+        polar = math.sin(latitude)
+        equatorial = math.hypot(zx, zy)
+        cosine_lon, sine_lon = 1.0, 0.0
+        if equatorial >= 1e-12:
+            scale = 1.0 / equatorial
+            cosine_lon, sine_lon = zx * scale, zy * scale
+        i, j = count + k, 2 * count + k
+        for s in range(satellites):
+            x, y, z = motion[0, k, s], motion[1, k, s], motion[2, k, s]
+            # Derivatives in axes that do not rotate and coincide with the fixed ones at reception.
+            vx, vy, vz = motion[0, i, s] - _RATE * y, motion[1, i, s] + _RATE * x, motion[2, i, s]
+            ax = motion[0, j, s] - _RATE * motion[1, i, s]
+            ay = motion[1, j, s] + _RATE * motion[0, i, s]
+            ax, ay = ax - _RATE * vy, ay + _RATE * vx
+            p0x = cosine_flight * x + sine_flight * y - rx
+            p0y = cosine_flight * y - sine_flight * x - ry
+            p0z = z - rz
+            p1x = cosine_flight * -vx + sine_flight * -vy
+            p1y = cosine_flight * -vy - sine_flight * -vx
+            p1z = -vz
+            p2x = cosine_flight * ax + sine_flight * ay
+            p2y = cosine_flight * ay - sine_flight * ax
+            p2z = motion[2, j, s]
+            delay = 0.0
+            for _ in range(2):
+                half = 0.5 * delay
+                dx = p0x + delay * (p1x + half * p2x)
+                dy = p0y + delay * (p1y + half * p2y)
+                dz = p0z + delay * (p1z + half * p2z)
+                distance = math.sqrt(dx * dx + dy * dy + dz * dz)
+                change = dx * (p1x + delay * p2x) + dy * (p1y + delay * p2y)
+                change = (change + dz * (p1z + delay * p2z)) / distance
+                excess = distance - SPEED_OF_LIGHT * (travel_time + delay)
+                delay = delay + excess / (SPEED_OF_LIGHT - change)
+            half = 0.5 * delay
+            dx = p0x + delay * (p1x + half * p2x)
+            dy = p0y + delay * (p1y + half * p2y)
+            dz = p0z + delay * (p1z + half * p2z)
+            distance = SPEED_OF_LIGHT * (travel_time + delay)
+            ux, uy, uz = dx / distance, dy / distance, dz / distance
+            svx, svy, svz = -(p1x + delay * p2x), -(p1y + delay * p2y), -(p1z + delay * p2z)
+            closing = ux * (svx - rvx) + uy * (svy - rvy) + uz * (svz - rvz)
+            along = ux * svx + uy * svy + uz * svz
+            outward = cosine_lon * ux + sine_lon * uy
+            east = cosine_lon * uy - sine_lon * ux
+            north = equatorial * uz - polar * outward
+            up = equatorial * outward + polar * uz
+            x, y, z = dx + rx, dy + ry, dz + rz
+            drift = motion[3, i, s]
+            result[0, k, s] = travel_time + delay
+            result[1, k, s] = distance
+            result[2, k, s] = closing / (1.0 + along / SPEED_OF_LIGHT)
+            result[3, k, s], result[4, k, s], result[5, k, s] = ux, uy, uz
+            result[6, k, s] = math.atan2(up, math.hypot(east, north))
+            result[7, k, s], result[8, k, s], result[9, k, s] = x, y, z
+            result[10, k, s] = svx + _RATE * y
+            result[11, k, s] = svy - _RATE * x
+            result[12, k, s] = svz
+            result[13, k, s] = motion[3, k, s] - delay * drift
+            result[14, k, s] = drift
     return result
 
 

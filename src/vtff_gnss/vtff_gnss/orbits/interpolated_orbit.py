@@ -20,6 +20,7 @@ from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_dynamics.vectors import FloatArray
 from vtff_gnss.orbits.broadcast_orbit import EphemerisTable, SatelliteStates
+from vtff_gnss.orbits.compiled_sight import interpolation_powers
 
 __all__ = ["InterpolatedOrbits"]
 
@@ -59,8 +60,32 @@ class InterpolatedOrbits:
     def __init__(self, table: EphemerisTable) -> None:
         self.table = table
         self._interval: int | None = None
-        self._orbit: FloatArray = np.empty((3, 6, 0))
-        self._clock: FloatArray = np.empty((4, 0))
+        # Polynomials of position and clock, (4, power, n); that of the clock has degree 3.
+        self._polynomials: FloatArray = np.empty((4, 6, 0))
+
+    def motion(self, time: GpsTime, offset: FloatArray) -> FloatArray:
+        """Return position (m) and clock offset (s) at ``time + offset``, and their derivatives.
+
+        Parameters
+        ----------
+        time : GpsTime
+            Chooses the interval: offsets of up to 2 s beyond it do no harm.
+        offset : ndarray, shape (k,)
+            s.
+
+        Returns
+        -------
+        ndarray, shape (4, 3 k, n)
+            Position (3) and clock offset of n satellites; the k values, then the first and the
+            second derivatives. The second derivative of the clock offset is not used.
+        """
+        interval = time.nanoseconds // _INTERVAL_NANOSECONDS
+        if interval != self._interval:
+            self._take(interval)
+        begin = interval * _INTERVAL_NANOSECONDS
+        since = (time.nanoseconds - begin) / NANOSECONDS_PER_SECOND
+        powers = interpolation_powers(since, offset, float(_INTERVAL))
+        return np.asarray(powers @ self._polynomials)
 
     def states(self, time: GpsTime, offset: npt.ArrayLike) -> SatelliteStates:
         """Return orbit and clock of all satellites at ``time + offset``.
@@ -68,7 +93,7 @@ class InterpolatedOrbits:
         Parameters
         ----------
         time : GpsTime
-            Chooses the interval: offsets of up to 2 s beyond it do no harm.
+            Chooses the interval, see `motion`.
         offset : array_like, shape (k, 1)
             s.
 
@@ -77,26 +102,16 @@ class InterpolatedOrbits:
         SatelliteStates
             With leading axis ``(k, n)``; as `EphemerisTable.states` gives it, to rounding.
         """
-        interval = time.nanoseconds // _INTERVAL_NANOSECONDS
-        if interval != self._interval:
-            self._take(interval)
-        begin = interval * _INTERVAL_NANOSECONDS
-        since = (time.nanoseconds - begin) / NANOSECONDS_PER_SECOND
-        s = (since + np.asarray(offset, dtype=float)[:, 0]) / _INTERVAL
-        powers = np.vander(s, 6, increasing=True)
-        slopes, bends = np.zeros_like(powers), np.zeros_like(powers)
-        exponents = np.arange(1, 6)
-        slopes[:, 1:] = powers[:, :-1] * (exponents / _INTERVAL)
-        bends[:, 1:] = slopes[:, :-1] * (exponents / _INTERVAL)
+        epochs = np.array(offset, dtype=float)[:, 0].copy()
+        motion = self.motion(time, epochs).reshape(4, 3, len(epochs), -1)
         # Components first, as those who use the states want them.
-        vectors = np.concatenate((powers, slopes, bends)) @ self._orbit
-        position, velocity, acceleration = np.moveaxis(vectors, 0, -1).reshape(3, len(s), -1, 3)
+        position, velocity, acceleration = np.moveaxis(motion[:3], 0, -1)
         return SatelliteStates(
             position_itrf=position,
             velocity_itrf=velocity,
             acceleration_itrf=acceleration,
-            clock_offset=powers[:, :4] @ self._clock,
-            clock_drift=slopes[:, :4] @ self._clock,
+            clock_offset=motion[3, 0],
+            clock_drift=motion[3, 1],
         )
 
     def _take(self, interval: int) -> None:
@@ -112,9 +127,10 @@ class InterpolatedOrbits:
             axis=1,
         )
         ends[1, 0] -= ends[0, 0]
-        # (end and derivative, n, 3) to (3, power, n)
-        self._orbit = _QUINTIC @ np.moveaxis(ends.reshape(6, -1, 3), -1, 0)
         clocks = np.stack((states.clock_offset, states.clock_drift * _INTERVAL), axis=1)
         clocks[1, 0] -= clocks[0, 0]
-        self._clock = _CUBIC @ clocks.reshape(4, -1)
+        self._polynomials = np.zeros((4, 6, clocks.shape[-1]))
+        # (end and derivative, n, 3) to (3, power, n)
+        self._polynomials[:3] = _QUINTIC @ np.moveaxis(ends.reshape(6, -1, 3), -1, 0)
+        self._polynomials[3, :4] = _CUBIC @ clocks.reshape(4, -1)
         self._interval = interval

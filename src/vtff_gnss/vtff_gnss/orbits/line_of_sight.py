@@ -23,17 +23,19 @@ from vtff_gnss.orbits.broadcast_orbit import (
     EphemerisTable,
     SatelliteStates,
 )
-from vtff_gnss.orbits.compiled_sight import sights_of_receivers
+from vtff_gnss.orbits.compiled_sight import rays_to_motion, sights_of_receivers
 from vtff_gnss.orbits.interpolated_orbit import InterpolatedOrbits
 from vtff_gnss.orbits.satellite_table import SatelliteTable
 
 __all__ = [
     "LineOfSight",
+    "SatelliteRays",
     "compile_kernels",
     "earth_obstructs",
     "elevation_azimuth",
     "ellipsoid_normal",
     "lines_of_sight",
+    "rays_of_epochs",
 ]
 
 # Satellite states are evaluated once, this long before reception, and carried to the time of
@@ -45,8 +47,8 @@ _ANGLE_IN_FLIGHT = EARTH_ROTATION_RATE_BROADCAST * _TYPICAL_TRAVEL_TIME
 _COSINE_IN_FLIGHT, _SINE_IN_FLIGHT = math.cos(_ANGLE_IN_FLIGHT), math.sin(_ANGLE_IN_FLIGHT)
 
 
-@dataclass(frozen=True, eq=False)
-class LineOfSight:
+@dataclass(frozen=True, eq=False, kw_only=True)
+class SatelliteRays:
     """Geometry of the signals received by receivers, leading axes (..., n satellites).
 
     Parameters
@@ -59,8 +61,8 @@ class LineOfSight:
         m/s; the derivative of the range with respect to the time of reception.
     direction_itrf : ndarray, shape (..., n, 3)
         Unit vectors from receiver to satellite, in the Earth-fixed axes of reception.
-    elevation, azimuth : ndarray, shape (..., n)
-        rad; above the plane normal to the zenith direction; clockwise from north in [0, 2 pi).
+    elevation : ndarray, shape (..., n)
+        rad; above the plane normal to the zenith direction.
     position_satellite_itrf, velocity_satellite_itrf : ndarray, shape (..., n, 3)
         At transmission, m and m/s, in the Earth-fixed axes of reception. The velocity is that
         seen from the Earth at transmission.
@@ -73,11 +75,23 @@ class LineOfSight:
     range_rate: FloatArray
     direction_itrf: FloatArray
     elevation: FloatArray
-    azimuth: FloatArray
     position_satellite_itrf: FloatArray
     velocity_satellite_itrf: FloatArray
     clock_offset_satellite: FloatArray
     clock_drift_satellite: FloatArray
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class LineOfSight(SatelliteRays):
+    """Geometry of received signals with the azimuth that they come from.
+
+    Parameters
+    ----------
+    azimuth : ndarray, shape (..., n)
+        rad; clockwise from north in [0, 2 pi).
+    """
+
+    azimuth: FloatArray
 
 
 def lines_of_sight(
@@ -178,6 +192,48 @@ def lines_of_sight(
         ),
         clock_offset_satellite=states.clock_offset - delay * states.clock_drift,
         clock_drift_satellite=np.broadcast_to(states.clock_drift, delay.shape),
+    )
+
+
+def rays_of_epochs(
+    orbits: InterpolatedOrbits,
+    time: GpsTime,
+    offset: FloatArray,
+    position_receiver_itrf: FloatArray,
+    velocity_receiver_itrf: FloatArray,
+) -> SatelliteRays:
+    """Return what `lines_of_sight` does, without azimuth, of one receiver at k epochs.
+
+    It is the same to the last bit (where numpy has the functions of the C library), compiled.
+
+    Parameters
+    ----------
+    orbits : InterpolatedOrbits
+        n satellites.
+    time : GpsTime
+        Reference of `offset`.
+    offset : ndarray, shape (k,)
+        GPS times of reception less `time`, s.
+    position_receiver_itrf, velocity_receiver_itrf : ndarray, shape (k, 3)
+        Antenna at reception, m and m/s.
+    """
+    found = rays_to_motion(
+        orbits.motion(time, offset - _TYPICAL_TRAVEL_TIME),
+        np.ascontiguousarray(position_receiver_itrf),
+        np.ascontiguousarray(velocity_receiver_itrf),
+        np.ascontiguousarray(geodetic_from_itrf(position_receiver_itrf)),
+        _TYPICAL_TRAVEL_TIME,
+    )
+    return SatelliteRays(
+        travel_time=found[0],
+        range=found[1],
+        range_rate=found[2],
+        direction_itrf=_vectors(found[3:6]),
+        elevation=found[6],
+        position_satellite_itrf=_vectors(found[7:10]),
+        velocity_satellite_itrf=_vectors(found[10:13]),
+        clock_offset_satellite=found[13],
+        clock_drift_satellite=found[14],
     )
 
 

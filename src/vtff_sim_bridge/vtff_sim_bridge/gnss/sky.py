@@ -26,7 +26,7 @@ from vtff_gnss.novatel.encode.lnav import quantize_lnav
 from vtff_gnss.orbits.broadcast_orbit import EphemerisTable
 from vtff_gnss.orbits.ephemeris_selection import EphemerisStore
 from vtff_gnss.orbits.interpolated_orbit import InterpolatedOrbits
-from vtff_gnss.orbits.line_of_sight import LineOfSight, lines_of_sight
+from vtff_gnss.orbits.line_of_sight import SatelliteRays, lines_of_sight, rays_of_epochs
 from vtff_gnss.orbits.nominal_constellation import (
     nominal_galileo_constellation,
     nominal_gps_constellation,
@@ -97,6 +97,7 @@ class Constellation:
         self._start = start
         self._configuration = configuration
         self._drifts: dict[tuple[int, int], SlowGaussMarkov] = {}
+        self._signal_biases: dict[tuple[int, int, int, int], float] = {}
         self._upload_errors: dict[tuple[int, int, int, int, float], UploadError] = {}
         # Orbits and clocks are those of the message as sent, so that receivers decode the truth.
         self._store = EphemerisStore(
@@ -207,9 +208,12 @@ class Constellation:
 
     def signal_bias(self, system: int, prn: int, band: int, attribute: int) -> float:
         """Return the bias of a signal beyond the broadcast group delays, m."""
-        sigma = self._configuration.inter_signal_sigma
-        stream = generator(self._seed, Effect.SATELLITE_BIAS, system, prn, band, attribute)
-        return sigma * float(stream.standard_normal())
+        signal = (system, prn, band, attribute)
+        if signal not in self._signal_biases:
+            stream = generator(self._seed, Effect.SATELLITE_BIAS, *signal)
+            sigma = self._configuration.inter_signal_sigma
+            self._signal_biases[signal] = sigma * float(stream.standard_normal())
+        return self._signal_biases[signal]
 
 
 def _ephemeris_key(e: BroadcastEphemeris) -> tuple[int, int, int, int, float]:
@@ -261,23 +265,24 @@ class Sky:
         is_same_table = sky is not None and sky.full_table is full
         if sky is not None and is_same_table and int(time.time_of_week) % _REFRESH_SECONDS:
             return sky
-        seen = lines_of_sight(full, time, 0.0, position_itrf, np.zeros(3))
-        rows = np.flatnonzero(seen.elevation > elevation_mask - _CANDIDATE_MARGIN)
+        position = np.asarray(position_itrf, dtype=float)[None]
+        seen = lines_of_sight(full, time, np.zeros(1), position, np.zeros((1, 3)))
+        rows = np.flatnonzero(seen.elevation[0] > elevation_mask - _CANDIDATE_MARGIN)
         chosen = tuple(full.ephemerides[row] for row in rows.tolist())
         if sky is not None and is_same_table and chosen == sky.table.ephemerides:
             return sky
         table = EphemerisTable(chosen)
         return cls(full, table, InterpolatedOrbits(table))
 
-    def lines_of_sight(
+    def rays(
         self,
         time: GpsTime,
         offset: FloatArray,
         position_itrf: FloatArray,
         velocity_itrf: FloatArray,
-    ) -> LineOfSight:
-        """Return the lines of sight at times of reception ``time + offset``, shapes (k, n)."""
-        return lines_of_sight(self.orbits, time, offset, position_itrf, velocity_itrf)
+    ) -> SatelliteRays:
+        """Return the rays at k times of reception ``time + offset``, shapes (k, n)."""
+        return rays_of_epochs(self.orbits, time, offset, position_itrf, velocity_itrf)
 
 
 def fnav_ephemeris(ephemeris: BroadcastEphemeris) -> BroadcastEphemeris:

@@ -62,10 +62,14 @@ def vehicle_track(
     end = second * EPOCHS_PER_SECOND
     indices = range(EPOCHS_PER_SECOND)[emitted]
     times = [(end - EPOCHS_PER_SECOND + 1 + index) * EPOCH_NANOSECONDS for index in indices]
-    commands = [motion.command_at(time) for time in times]
+    commands = [motion.command_at(times[0])]
+    if motion.command_at(times[-1])[1] is commands[0][1]:
+        # Mostly one command holds for the whole second.
+        commands *= len(times)
+    else:
+        commands += [motion.command_at(time) for time in times[1:]]
     elapsed = np.array([time - since for time, (since, _) in zip(times, commands, strict=True)])
     parts, first = [], 0
-    # Mostly one command holds for the whole second.
     while first < len(times):
         state = commands[first][1]
         count = next(
@@ -74,9 +78,12 @@ def vehicle_track(
         parts.append(_extrapolate(state, elapsed[first:count] / NANOSECONDS_PER_SECOND))
         first = count
     vectors = parts[0] if len(parts) == 1 else np.concatenate(parts)
-    nearest = np.clip(np.arange(EPOCHS_PER_SECOND), indices[0], indices[-1]) - indices[0]
+    nearest: slice | npt.NDArray[np.intp] = slice(None)
+    if len(times) < EPOCHS_PER_SECOND:
+        nearest = np.clip(np.arange(EPOCHS_PER_SECOND), indices[0], indices[-1]) - indices[0]
     boresight = None
-    if any(any(map(any, state[4:])) for _, state in commands):
+    states = {id(state): state for _, state in commands}.values()
+    if any(any(map(any, state[4:])) for state in states):
         angles = np.array([motion.at(time).heading_elevation_bank for time in times])
         boresight = _boresight_itrf(angles, vectors[:, 0])[nearest]
     axes = None

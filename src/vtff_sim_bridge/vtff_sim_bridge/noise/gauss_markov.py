@@ -53,16 +53,21 @@ class GaussMarkovField:
         self._addresses = addresses
         self._decay = math.exp(-1.0 / (EPOCHS_PER_SECOND * correlation_time))
         self._gain = math.sqrt(1.0 - self._decay**2)
-        self._numbers: FloatArray = np.zeros((len(addresses), _BLOCK_EPOCHS))
+        self._numbers: FloatArray = np.zeros((_BLOCK_SECONDS, len(addresses), EPOCHS_PER_SECOND))
         self._block = np.full(len(addresses), -1, dtype=np.int64)
 
     def second(self, second: int, rows: npt.NDArray[np.intp]) -> FloatArray:
         """Return processes in a second of the run, shape (20, number of rows)."""
+        return np.asarray(self.of_all_links(second, rows)[rows].T)
+
+    def of_all_links(self, second: int, rows: npt.NDArray[np.intp]) -> FloatArray:
+        """Return a view of the processes in a second, shape (addresses, 20); `rows` are true."""
         block, within = divmod(second, _BLOCK_SECONDS)
-        for row in rows[self._block[rows] != block].tolist():
-            self._go_to_block(row, block)
-        first = within * EPOCHS_PER_SECOND
-        return np.asarray(self._numbers[rows, first : first + EPOCHS_PER_SECOND].T)
+        missing = self._block[rows] != block
+        if missing.any():
+            for row in rows[missing].tolist():
+                self._go_to_block(row, block)
+        return self._numbers[within]
 
     def _go_to_block(self, row: int, block: int) -> None:
         """Compute the processes of a block from those of the blocks before."""
@@ -70,10 +75,10 @@ class GaussMarkovField:
             self._block[row] = -1
         for number in range(int(self._block[row]) + 1, block + 1):
             stream = generator(self._seed, self._effect, *self._addresses[row], number)
-            before = self._numbers[row, -1] if number else stream.standard_normal()
+            before = self._numbers[-1, row, -1] if number else stream.standard_normal()
             draws = stream.standard_normal((_BLOCK_EPOCHS, 1))
             _continue_processes(draws, np.array([before]), self._decay, self._gain)
-            self._numbers[row] = draws[:, 0]
+            self._numbers[:, row] = draws.reshape(_BLOCK_SECONDS, EPOCHS_PER_SECOND)
         self._block[row] = block
 
 

@@ -30,6 +30,7 @@ EPOCHS_PER_SECOND = 20
 """Rate at which receivers measure."""
 EPOCH_NANOSECONDS = NANOSECONDS_PER_SECOND // EPOCHS_PER_SECOND
 
+_LARGEST_WORD = 2**32 - 1
 _BLOCK_SECONDS = 64
 _BLOCK_EPOCHS = _BLOCK_SECONDS * EPOCHS_PER_SECOND
 
@@ -73,7 +74,12 @@ def receiver_number(name: str) -> int:
 
 def generator(seed: int, effect: Effect, *address: int) -> np.random.Generator:
     """Return the generator of an address; `seed` and `address` are not negative."""
-    return np.random.default_rng(np.random.SeedSequence((seed, int(effect), *address)))
+    numbers = (seed, int(effect), *address)
+    if max(numbers) > _LARGEST_WORD:
+        return np.random.default_rng(np.random.SeedSequence(numbers))
+    # The same stream: to take the numbers apart into words takes longer than all the rest.
+    words = np.array(numbers, dtype=np.uint32)
+    return np.random.default_rng(np.random.SeedSequence(words))  # type: ignore[arg-type]
 
 
 class NoiseField:
@@ -93,15 +99,21 @@ class NoiseField:
         self._seed = seed
         self._effect = effect
         self._addresses = addresses
-        self._numbers: FloatArray = np.zeros((len(addresses), _BLOCK_EPOCHS))
+        self._numbers: FloatArray = np.zeros((_BLOCK_SECONDS, len(addresses), EPOCHS_PER_SECOND))
         self._block = np.full(len(addresses), -1, dtype=np.int64)
 
     def second(self, second: int, rows: npt.NDArray[np.intp]) -> FloatArray:
         """Return the noise of links in a second of the run, shape (20, number of rows)."""
+        return np.asarray(self.of_all_links(second, rows)[rows].T)
+
+    def of_all_links(self, second: int, rows: npt.NDArray[np.intp]) -> FloatArray:
+        """Return a view of the noise in a second, shape (links, 20); only `rows` are true."""
         block, within = divmod(second, _BLOCK_SECONDS)
-        for row in rows[self._block[rows] != block].tolist():
-            stream = generator(self._seed, self._effect, *self._addresses[row], block)
-            self._numbers[row] = stream.standard_normal(_BLOCK_EPOCHS)
-            self._block[row] = block
-        first = within * EPOCHS_PER_SECOND
-        return np.asarray(self._numbers[rows, first : first + EPOCHS_PER_SECOND].T)
+        missing = self._block[rows] != block
+        if missing.any():
+            for row in rows[missing].tolist():
+                stream = generator(self._seed, self._effect, *self._addresses[row], block)
+                drawn = stream.standard_normal(_BLOCK_EPOCHS)
+                self._numbers[:, row] = drawn.reshape(_BLOCK_SECONDS, EPOCHS_PER_SECOND)
+                self._block[row] = block
+        return self._numbers[within]

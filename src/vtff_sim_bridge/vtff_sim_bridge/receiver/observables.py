@@ -14,7 +14,7 @@ from vtff_dynamics.vectors import FloatArray
 from vtff_gnss.antex import PhaseCentre, antex_frequency
 from vtff_gnss.constants import SYSTEM_GALILEO, SYSTEM_GPS
 from vtff_gnss.ephemeris import BroadcastEphemeris
-from vtff_gnss.orbits.line_of_sight import LineOfSight
+from vtff_gnss.orbits.line_of_sight import SatelliteRays
 from vtff_sim_bridge.gnss.configuration import (
     NoiseModel,
     ReceiverConfiguration,
@@ -183,7 +183,7 @@ class LinkPlan:
 
     def cn0_dbhz(
         self,
-        line_of_sight: LineOfSight,
+        line_of_sight: SatelliteRays,
         receiver: ReceiverConfiguration,
         boresight_itrf: FloatArray | None = None,
     ) -> FloatArray:
@@ -191,7 +191,7 @@ class LinkPlan:
 
         Parameters
         ----------
-        line_of_sight : LineOfSight
+        line_of_sight : SatelliteRays
             Shape (k, n).
         receiver : ReceiverConfiguration
         boresight_itrf : ndarray, shape (k, 3), optional
@@ -208,7 +208,7 @@ class LinkPlan:
 
     def antenna_delay(
         self,
-        line_of_sight: LineOfSight,
+        line_of_sight: SatelliteRays,
         body_axes_itrf: FloatArray,
         phase_centre: PhaseCentre,
     ) -> FloatArray:
@@ -216,7 +216,7 @@ class LinkPlan:
 
         Parameters
         ----------
-        line_of_sight : LineOfSight
+        line_of_sight : SatelliteRays
             Shape (k, n).
         body_axes_itrf : ndarray, shape (k, 3, 3)
             Rows are the x, y and z axes of the body.
@@ -232,12 +232,12 @@ class LinkPlan:
             delay[:, links] = centre.delay(directions[:, self.satellite[links]])
         return delay
 
-    def range_error(self, line_of_sight: LineOfSight, orbit_errors: FloatArray) -> FloatArray:
+    def range_error(self, line_of_sight: SatelliteRays, orbit_errors: FloatArray) -> FloatArray:
         """Return the true range less that to the broadcast orbit and clock, m, shape (k, n).
 
         Parameters
         ----------
-        line_of_sight : LineOfSight
+        line_of_sight : SatelliteRays
             To the broadcast orbits, shape (k, n).
         orbit_errors : ndarray, shape (k, n, 4)
             See `Constellation.orbit_errors`.
