@@ -8,9 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from vtff_dynamics.compiled import compiled
 from vtff_dynamics.vectors import FloatArray
 
-__all__ = ["ParabolicPattern"]
+__all__ = ["ParabolicPattern", "parabolic_gain_db"]
 
 
 @dataclass(frozen=True)
@@ -53,3 +54,12 @@ class ParabolicPattern:
         ratio = np.asarray(off_boresight, dtype=float) / self.half_power_beamwidth
         attenuation = np.minimum(12.0 * ratio**2, self.front_to_back_db)
         return np.asarray(self.boresight_gain_db - attenuation)
+
+
+@compiled
+def parabolic_gain_db(  # type: ignore[no-untyped-def]
+    off_boresight, boresight_gain_db, half_power_beamwidth, front_to_back_db
+):
+    """Return what `ParabolicPattern.gain_db` does, of one angle, for compiled code."""
+    ratio = off_boresight / half_power_beamwidth
+    return boresight_gain_db - min(12.0 * (ratio * ratio), front_to_back_db)

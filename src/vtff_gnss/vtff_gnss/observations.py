@@ -133,7 +133,7 @@ class ObservationSeries(_ObservationColumns):
     """Observations of the same n signals at k epochs of one receiver, as a simulator makes them.
 
     Columns are those of `ObservationEpoch`: `system` to `glonass_channel` of shape (n,), the others
-    of shape (k, n). What is not observed at an epoch has any value there.
+    of shape (k, n) and maybe more precise. What is not observed at an epoch has any value there.
 
     Parameters
     ----------
@@ -163,8 +163,8 @@ class ObservationSeries(_ObservationColumns):
         columns: dict[str, Any] = {
             name: getattr(self, name)[chosen]
             if name in _SIGNAL_COLUMNS
-            else getattr(self, name)[index][chosen]
-            for name in OBSERVATION_COLUMNS
+            else getattr(self, name)[index][chosen].astype(kind, copy=False)
+            for name, kind in OBSERVATION_COLUMNS.items()
         }
         return ObservationEpoch(
             self.times[index], self.time_status, self.receiver_status, self.log_name, **columns

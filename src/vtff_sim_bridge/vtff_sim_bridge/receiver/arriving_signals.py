@@ -7,7 +7,7 @@ from typing import Any
 
 from vtff_dynamics.vectors import FloatArray
 from vtff_gnss.orbits.line_of_sight import SatelliteRays
-from vtff_sim_bridge.receiver.observables import LinkPlan
+from vtff_sim_bridge.gnss.link_plan import LinkPlan
 
 __all__ = ["ArrivingSignals"]
 

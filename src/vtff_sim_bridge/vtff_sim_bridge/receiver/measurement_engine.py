@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from vtff_dynamics.constants import NANOSECONDS_PER_SECOND, SPEED_OF_LIGHT
+from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_dynamics.vectors import FloatArray
 from vtff_gnss import constants as c
@@ -20,29 +20,31 @@ from vtff_gnss.novatel.encode.frame import TIME_STATUS_FINE_STEERING
 from vtff_gnss.novatel.encode.solution import IonosphereUtc
 from vtff_gnss.novatel.header import TIME_STATUS_UNKNOWN
 from vtff_gnss.orbits.line_of_sight import SatelliteRays, earth_obstructs
-from vtff_sim_bridge.atmosphere.slant_tec import group_delay
 from vtff_sim_bridge.gnss.configuration import ReceiverConfiguration
 from vtff_sim_bridge.gnss.faults import Fault
+from vtff_sim_bridge.gnss.link_plan import (
+    LinkPlan,
+    all_links,
+    link_addresses,
+    link_rows,
+    signals_of,
+)
 from vtff_sim_bridge.gnss.power_levels import PowerLevels
 from vtff_sim_bridge.gnss.propagation import Ionosphere, RegionCrossing, ScintillatedLinks
 from vtff_sim_bridge.gnss.receiver_clock import ReceiverClock
 from vtff_sim_bridge.gnss.sky import Constellation, Sky, fnav_ephemeris
 from vtff_sim_bridge.gnss.vehicle_track import VehicleTrack
 from vtff_sim_bridge.noise.cycle_slips import NoiseSlips, slip_rate
-from vtff_sim_bridge.noise.random_streams import EPOCHS_PER_SECOND, Effect, receiver_number
+from vtff_sim_bridge.noise.random_streams import EPOCHS_PER_SECOND, receiver_number
 from vtff_sim_bridge.receiver.arriving_signals import ArrivingSignals
 from vtff_sim_bridge.receiver.measurements import Measurements
 from vtff_sim_bridge.receiver.navigation_solution import solve_navigation
 from vtff_sim_bridge.receiver.observables import (
     LineBiasDrift,
-    LinkPlan,
     MeasurementNoise,
     Multipath,
     Observables,
-    all_links,
-    link_addresses,
-    link_rows,
-    signals_of,
+    observe,
 )
 from vtff_sim_bridge.receiver.receiver_logs import EpochOfSeries
 from vtff_sim_bridge.receiver.tracking import Arc, Tracker, Tracks
@@ -54,11 +56,12 @@ __all__ = ["MeasurementEngine"]
 
 # s; the frame of GPS. Galileo repeats its ephemeris as often in I/NAV, and every 50 s in F/NAV.
 _EPHEMERIS_REPETITION = 30.0
+_NO_TERMS = np.empty((0, 0, 0))
 _TAGS = np.arange(1 - EPOCHS_PER_SECOND, 1) / EPOCHS_PER_SECOND
 
 
 class _Channels(NamedTuple):
-    """Channels while the same satellites are visible."""
+    """Channels of links, shape (k, m), while the same satellites are visible."""
 
     plan: LinkPlan
     visible: bytes
@@ -130,8 +133,9 @@ class MeasurementEngine:
         self._sky: Sky | None = None
         self._sky_second = -1
         self._plan: LinkPlan | None = None
-        self._visible: _Channels | None = None
+        self._channels: _Channels | None = None
         self._ephemerides: tuple[BroadcastEphemeris, ...] = ()
+        self._heard: tuple[LinkPlan, bytes] | None = None
         self._received: dict[tuple[int, int, int], tuple[BroadcastEphemeris, ...]] = {}
         self._ionosphere_utc: tuple[IonosphereUtc, ...] = ()
         self._solution: tuple[int, Fix, ReceiverTime] | None = None
@@ -163,15 +167,11 @@ class MeasurementEngine:
         signals = self._receive_signals(second, emitted, track).at(emitted)
         plan = signals.plan
         first_epoch = (second - 1) * EPOCHS_PER_SECOND + 1 + range(EPOCHS_PER_SECOND)[emitted][0]
-        has_channel, channel = self._assign_channels(signals)
-        is_strong = signals.cn0_dbhz > self.configuration.tracking.threshold_dbhz
-        if not is_up:
-            has_channel = np.zeros_like(has_channel)
+        channels = self._assign_channels(signals)
+        can_track = signals.cn0_dbhz > self.configuration.tracking.threshold_dbhz
+        can_track &= channels.has_channel if is_up else False
         tracks = self._tracker.advance(
-            first_epoch,
-            plan.row,
-            has_channel[:, plan.satellite] & is_strong,
-            self._draw_slips(second, emitted, signals),
+            first_epoch, plan.row, can_track, self._draw_slips(second, emitted, signals)
         )
         self.measurements = Measurements(
             start=self._start,
@@ -180,7 +180,7 @@ class MeasurementEngine:
             signals=signals,
             tracks=tracks,
             observables=self._measure_observables(second, emitted, signals, tracks),
-            channel=channel,
+            channel=channels.number,
         )
         if (first_epoch + signals.epoch_count - 1) % EPOCHS_PER_SECOND == 0:
             self._receive_ephemerides(self._start + second)
@@ -203,7 +203,9 @@ class MeasurementEngine:
         for crossing in crossings:
             s4_l1 = np.maximum(s4_l1, crossing.s4_l1)
 
-        cn0_dbhz = plan.cn0_dbhz(line_of_sight, self.configuration, track.boresight_itrf)
+        cn0_dbhz, code_delay, phase_delay = plan.levels_and_delays(
+            line_of_sight, stec_tecu, self.configuration, track.boresight_itrf
+        )
         power = self._power_levels.offsets_db(second, emitted, plan.satellites)
         if power is not None:
             cn0_dbhz = cn0_dbhz + power[:, plan.satellite]
@@ -211,10 +213,7 @@ class MeasurementEngine:
         antenna_delay = None
         if phase_centre is not None and body_axes is not None:
             antenna_delay = plan.antenna_delay(line_of_sight, body_axes, phase_centre)
-        code_delay = group_delay(stec_tecu[:, plan.satellite], plan.frequency)
-        # The ionosphere delays the code by as much as it advances the phase; scintillation moves
-        # the phase only.
-        phase_delay = -code_delay
+        # Wind-up and scintillation move the phase only.
         wind_up = None
         if self.configuration.has_wind_up and body_axes is not None:
             wind_up = self._wind_up.second(line_of_sight, body_axes, plan.satellites, emitted)
@@ -314,10 +313,8 @@ class MeasurementEngine:
         shape = (EPOCHS_PER_SECOND, len(phase))
         return np.ones(shape), np.broadcast_to(phase, shape).copy()
 
-    def _assign_channels(
-        self, signals: ArrivingSignals
-    ) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.uint8]]:
-        """Return which satellites have a channel, and its number, shape (k, n)."""
+    def _assign_channels(self, signals: ArrivingSignals) -> _Channels:
+        """Return which links have a channel, and its number."""
         plan, line_of_sight = signals.plan, signals.line_of_sight
         mask = math.radians(self.configuration.tracking.elevation_mask_deg)
         visible = line_of_sight.elevation > mask
@@ -325,94 +322,96 @@ class MeasurementEngine:
             visible &= ~earth_obstructs(
                 signals.position_itrf[:, None], line_of_sight.position_satellite_itrf
             )
-        epochs = []
+        key, last = visible.tobytes(), self._channels
+        if last is not None and last.plan is plan and key == last.visible:
+            return last
+        has_channel = np.empty(visible.shape, dtype=bool)
+        number = np.empty(visible.shape, dtype=np.uint8)
         for index, row in enumerate(visible):
-            key = row.tobytes()
-            last = self._visible
-            if last is None or last.plan is not plan or last.visible != key:
-                has_channel = self._tracker.with_channel(
-                    plan.satellites, line_of_sight.elevation[index], row
-                )
-                number = self._tracker.channels(plan.satellites)
-                self._visible = last = _Channels(plan, key, has_channel, number)
-            epochs.append(last)
-        return (
-            np.array([epoch.has_channel for epoch in epochs]),
-            np.array([epoch.number for epoch in epochs]),
+            if index and (row == visible[index - 1]).all():
+                has_channel[index], number[index] = has_channel[index - 1], number[index - 1]
+                continue
+            has_channel[index] = self._tracker.with_channel(
+                plan.satellites, line_of_sight.elevation[index], row
+            )
+            number[index] = self._tracker.channels(plan.satellites)
+        channels = _Channels(
+            plan,
+            key,
+            np.take(has_channel, plan.satellite, axis=1),
+            np.take(number, plan.satellite, axis=1),
         )
+        # The next second has the same ones if nothing changed within this one.
+        self._channels = channels if (visible == visible[0]).all() else None
+        return channels
 
     def _measure_observables(
         self, second: int, emitted: slice, signals: ArrivingSignals, tracks: Tracks
     ) -> Observables:
         """Return what the receiver measures of its signals."""
-        plan, line_of_sight = signals.plan, signals.line_of_sight
-        clocks = SPEED_OF_LIGHT * (
-            signals.clock_offset[:, None] - line_of_sight.clock_offset_satellite
-        )
-        ranges = line_of_sight.range + clocks
+        plan, rays = signals.plan, signals.line_of_sight
+        range_terms: list[FloatArray] = []
+        code_terms: list[FloatArray] = []
+        phase_terms: list[FloatArray] = []
         range_error = None
         if self._constellation.has_errors:
             orbit_errors = self._constellation.orbit_errors(plan.satellites, signals.elapsed)
-            range_error = plan.range_error(line_of_sight, orbit_errors)
-            ranges = ranges + range_error
-        ranges = ranges[:, plan.satellite]
-        pseudorange = ranges + signals.code_delay + plan.code_bias
-        carrier = ranges + signals.phase_delay
+            range_error = plan.range_error(rays, orbit_errors)
+            range_terms.append(range_error)
         if signals.antenna_delay is not None:
-            pseudorange = pseudorange + signals.antenna_delay
-            carrier = carrier + signals.antenna_delay
+            code_terms.append(signals.antenna_delay)
+            phase_terms.append(signals.antenna_delay)
         multipath = None
         if self._multipath.is_on:
             multipath = self._multipath.errors(
                 second,
                 emitted,
-                line_of_sight.elevation[:, plan.satellite],
+                rays.elevation[:, plan.satellite],
                 plan.cn0_zenith_dbhz - signals.cn0_dbhz,
                 plan.row,
             )
-            pseudorange = pseudorange + multipath[0]
-            carrier = carrier + multipath[1]
+            code_terms.append(multipath[0])
+            phase_terms.append(multipath[1])
         if self._line_bias_drift.is_on:
             code_bias, phase_bias = self._line_bias_drift.errors(second, emitted, plan.row)
-            pseudorange = pseudorange + code_bias
-            carrier = carrier + phase_bias
-        rate = self._carrier_rate(signals)
-        cn0_dbhz = signals.cn0_dbhz
-        sigmas = self._noise.sigmas(cn0_dbhz, plan.wavelength, plan.chip_length)
-        if self._noise.is_on:
-
-            def draw(effect: Effect) -> FloatArray:
-                return self._noise.drawn(effect, second, plan.row, emitted)
-
-            pseudorange = pseudorange + sigmas.code * draw(Effect.CODE_NOISE)
-            carrier = carrier + sigmas.phase * draw(Effect.PHASE_NOISE)
-            rate = rate + sigmas.doppler * draw(Effect.DOPPLER_NOISE)
-            cn0_dbhz = self._noise.noisy_cn0_dbhz(cn0_dbhz, draw(Effect.CN0_NOISE))
+            code_terms.append(code_bias)
+            phase_terms.append(phase_bias)
+        sigmas = self._noise.sigmas(signals.cn0_dbhz, plan.wavelength, plan.chip_length)
+        pseudorange, carrier_phase_cycles, doppler_hz, cn0_dbhz = observe(
+            signals.clock_offset,
+            signals.clock_drift,
+            rays.range,
+            rays.range_rate,
+            rays.clock_offset_satellite,
+            rays.clock_drift_satellite,
+            plan.satellite,
+            plan.row,
+            plan.code_bias,
+            plan.wavelength,
+            _stack(range_terms),
+            _stack(code_terms),
+            _stack(phase_terms),
+            signals.code_delay,
+            signals.phase_delay,
+            self._last_phase_delay,
+            tracks.cycles,
+            signals.cn0_dbhz,
+            sigmas.code,
+            sigmas.phase,
+            sigmas.doppler,
+            *self._noise.of_all_links(second, plan.row),
+            range(EPOCHS_PER_SECOND)[emitted][0],
+            10.0,
+        )
         return Observables(
             pseudorange=pseudorange,
-            carrier_phase_cycles=carrier / plan.wavelength + tracks.cycles,
-            doppler_hz=-rate / plan.wavelength,
+            carrier_phase_cycles=carrier_phase_cycles,
+            doppler_hz=doppler_hz,
             cn0_dbhz=cn0_dbhz,
             sigmas=self._noise.stated(sigmas),
             multipath=multipath,
             range_error=range_error,
         )
-
-    def _carrier_rate(self, signals: ArrivingSignals) -> FloatArray:
-        """Return the derivative of the carrier range by receiver time, m/s, shape (k, m)."""
-        plan, line_of_sight = signals.plan, signals.line_of_sight
-        drift, phase_delay = signals.clock_drift, signals.phase_delay
-        to_receiver_time = 1.0 - drift[:, None]
-        satellite_drift = line_of_sight.clock_drift_satellite * (
-            1.0 - line_of_sight.range_rate / SPEED_OF_LIGHT
-        )
-        rate = (line_of_sight.range_rate - SPEED_OF_LIGHT * satellite_drift) * to_receiver_time
-        rate = rate + SPEED_OF_LIGHT * drift[:, None]
-        before = np.concatenate((self._last_phase_delay[plan.row][None, :], phase_delay[:-1]))
-        change = (phase_delay - before) * EPOCHS_PER_SECOND
-        self._last_phase_delay[:] = np.nan
-        self._last_phase_delay[plan.row] = phase_delay[-1]
-        return np.asarray(rate[:, plan.satellite] + np.where(np.isnan(change), 0.0, change))
 
     # What an ReceiverFirmware asks for
 
@@ -460,8 +459,12 @@ class MeasurementEngine:
         old_enough = tracks.is_tracked[-1] & (
             tracks.lock_time[-1] >= self.configuration.tracking.ephemeris_delay
         )
-        has_new = False
         is_repeated = time.time_of_week % _EPHEMERIS_REPETITION == 0.0
+        heard = (plan, old_enough.tobytes())
+        if heard == self._heard and not is_repeated:
+            return
+        self._heard = heard
+        has_new = False
         for column in np.flatnonzero(np.bincount(plan.satellite[old_enough])).tolist():
             source = plan.ephemerides[column]
             key = (source.system, source.prn, source.source)
@@ -509,3 +512,8 @@ def _at_reception(track: VehicleTrack, offset: FloatArray) -> tuple[FloatArray, 
         track.velocity_itrf + 0.5 * late * track.acceleration_itrf
     )
     return position, track.velocity_itrf + late * track.acceleration_itrf
+
+
+def _stack(terms: Sequence[FloatArray]) -> FloatArray:
+    """Return arrays (k, m) as one, (any, k, m)."""
+    return np.stack(terms) if terms else _NO_TERMS

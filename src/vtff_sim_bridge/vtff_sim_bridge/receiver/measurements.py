@@ -48,8 +48,8 @@ class Measurements:
         State of the tracking loops, (k, m).
     observables : Observables
         (k, m).
-    channel : ndarray of uint8, shape (k, n)
-        Channel number of each satellite.
+    channel : ndarray of uint8, shape (k, m)
+        Channel number of each link.
     """
 
     start: GpsTime
@@ -62,35 +62,29 @@ class Measurements:
 
     @cached_property
     def series(self) -> ObservationSeries:
-        """Observations in the precision of the log, of the links tracked at any of the epochs."""
-        plan, observables = self.signals.plan, self.observables
-        is_tracked = self.tracks.is_tracked
-        used = np.flatnonzero(is_tracked.any(axis=0))
-        if len(used) == len(plan.row):
-            used = slice(None)  # type: ignore[assignment]
-        last_epoch = self.first_epoch + len(is_tracked) - 1
+        """Observations of all links, whether tracked or not, in full precision."""
+        plan, observables, tracks = self.signals.plan, self.observables, self.tracks
+        last_epoch = self.first_epoch + self.signals.epoch_count - 1
         return ObservationSeries(
             times=epoch_times(self.start, self.first_epoch, last_epoch),
             time_status=self.time_status,
             receiver_status=0,
             log_name="RANGE",
-            is_observed=is_tracked[:, used],
-            system=plan.system[used],
-            prn=plan.prn[used],
-            band=plan.band[used],
-            attribute=plan.attribute[used],
-            glonass_channel=np.zeros(plan.system[used].shape, dtype=np.int8),
-            pseudorange=observables.pseudorange[:, used],
-            carrier_phase_cycles=observables.carrier_phase_cycles[:, used],
-            doppler_hz=observables.doppler_hz[:, used].astype(np.float32),
-            cn0_dbhz=observables.cn0_dbhz[:, used].astype(np.float32),
-            pseudorange_sigma=observables.sigmas.code[:, used].astype(np.float32),
-            carrier_phase_sigma_cycles=(observables.sigmas.phase / plan.wavelength)[:, used].astype(
-                np.float32
-            ),
-            lock_time=self.tracks.lock_time[:, used].astype(np.float32),
-            flags=self.tracks.flags[:, used],
-            channel=self.channel[:, plan.satellite[used]],
+            is_observed=tracks.is_tracked,
+            system=plan.system,
+            prn=plan.prn,
+            band=plan.band,
+            attribute=plan.attribute,
+            glonass_channel=plan.glonass_channel,
+            pseudorange=observables.pseudorange,
+            carrier_phase_cycles=observables.carrier_phase_cycles,
+            doppler_hz=observables.doppler_hz,
+            cn0_dbhz=observables.cn0_dbhz,
+            pseudorange_sigma=observables.sigmas.code,
+            carrier_phase_sigma_cycles=observables.sigmas.phase / plan.wavelength,
+            lock_time=tracks.lock_time,
+            flags=tracks.flags,
+            channel=self.channel,
         )
 
     def tracked_satellites(self, index: int) -> list[int]:

@@ -3,24 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
-from vtff_dynamics.constants import EARTH_ROTATION_RATE, SPEED_OF_LIGHT
+from vtff_dynamics.compiled import compiled
+from vtff_dynamics.constants import SPEED_OF_LIGHT
 from vtff_dynamics.vectors import FloatArray
-from vtff_gnss.antex import PhaseCentre, antex_frequency
-from vtff_gnss.constants import SYSTEM_GALILEO, SYSTEM_GPS
-from vtff_gnss.ephemeris import BroadcastEphemeris
-from vtff_gnss.orbits.line_of_sight import SatelliteRays
-from vtff_sim_bridge.gnss.configuration import (
-    NoiseModel,
-    ReceiverConfiguration,
-)
-from vtff_sim_bridge.gnss.signal_table import SIGNALS, Signal, clock_group_delay
-from vtff_sim_bridge.gnss.sky import Constellation, Sky, UploadError
+from vtff_sim_bridge.gnss.configuration import NoiseModel, ReceiverConfiguration
+from vtff_sim_bridge.gnss.link_plan import Link, link_addresses, signals_of
 from vtff_sim_bridge.noise.gauss_markov import GaussMarkovField
 from vtff_sim_bridge.noise.random_streams import (
     EPOCHS_PER_SECOND,
@@ -28,237 +21,28 @@ from vtff_sim_bridge.noise.random_streams import (
     NoiseField,
     generator,
 )
-from vtff_sim_bridge.receiver.tracking import Link
 
 __all__ = [
     "LineBiasDrift",
-    "LinkPlan",
     "MeasurementNoise",
     "Multipath",
     "Observables",
     "Sigmas",
-    "all_links",
-    "link_addresses",
-    "link_rows",
-    "signals_of",
+    "observe",
 ]
 
-_REFERENCE_DISTANCE = 20.2e6
 # Below a tenth of its amplitude at boresight the direct signal is lost in most receivers.
 _LARGEST_MULTIPATH_FACTOR = 10.0
-_EARTH_ROTATION = np.array([0.0, 0.0, EARTH_ROTATION_RATE])
 _TAGS = np.arange(1 - EPOCHS_PER_SECOND, 1) / EPOCHS_PER_SECOND
-_SATELLITES = {SYSTEM_GPS: 32, SYSTEM_GALILEO: 36}
+# The estimate of C/N0 is from the power of so many s.
+_POWER_TIME = 0.05
+_NO_NOISE = np.empty((0, 0))
 _NOISE_EFFECTS = (
     Effect.CODE_NOISE,
     Effect.PHASE_NOISE,
     Effect.DOPPLER_NOISE,
     Effect.CN0_NOISE,
 )
-
-
-def all_links(signals: Sequence[Signal]) -> list[Link]:
-    """Return every link that signals make, satellite by satellite."""
-    return [
-        Link(system, prn, signal)
-        for system, count in _SATELLITES.items()
-        for prn in range(1, count + 1)
-        for signal in signals
-        if signal.system == system
-    ]
-
-
-def link_rows(links: Sequence[Link]) -> dict[tuple[int, int], list[int]]:
-    """Return the places of the links of each satellite (system, number)."""
-    rows: dict[tuple[int, int], list[int]] = {}
-    for row, link in enumerate(links):
-        rows.setdefault((link.system, link.prn), []).append(row)
-    return rows
-
-
-@dataclass(frozen=True, eq=False)
-class LinkPlan:
-    """The links to the satellites of a sky: constants of each, shape (m,), satellite by satellite.
-
-    Parameters
-    ----------
-    ephemerides : tuple of BroadcastEphemeris
-        Ephemerides of the n satellites.
-    satellites : list of (int, int)
-        Their system and number.
-    satellite : ndarray of int
-        Column of each link's satellite.
-    row : ndarray of int
-        Place of the link among all links.
-    frequency, wavelength, chip_length : ndarray
-        Hz, m, m.
-    code_bias : ndarray
-        Group delay of the satellite, its further bias, and the bias of the receiver, m.
-    broadcast_delay : ndarray
-        Part of it that the broadcast message tells, m.
-    cn0_zenith_dbhz : ndarray
-    system, prn, band, attribute : ndarray of uint8
-    stream : ndarray of int, shape (n,)
-        Number of each satellite's scintillation pattern.
-    has_data : ndarray of bool, shape (m,)
-        Whether each signal carries data.
-    phase_centre_frequency : ndarray of str, shape (m,)
-        How ANTEX files call the frequency of each link.
-    upload_errors : tuple of UploadError
-        What the n broadcast ephemerides are off by.
-    """
-
-    ephemerides: tuple[BroadcastEphemeris, ...]
-    satellites: list[tuple[int, int]]
-    satellite: npt.NDArray[np.intp]
-    row: npt.NDArray[np.intp]
-    frequency: FloatArray
-    wavelength: FloatArray
-    chip_length: FloatArray
-    code_bias: FloatArray
-    broadcast_delay: FloatArray
-    cn0_zenith_dbhz: FloatArray
-    system: npt.NDArray[np.uint8]
-    prn: npt.NDArray[np.uint8]
-    band: npt.NDArray[np.uint8]
-    attribute: npt.NDArray[np.uint8]
-    stream: npt.NDArray[np.int64]
-    has_data: npt.NDArray[np.bool_]
-    phase_centre_frequency: npt.NDArray[np.str_]
-    upload_errors: tuple[UploadError, ...]
-
-    @classmethod
-    def of_sky(
-        cls,
-        sky: Sky,
-        constellation: Constellation,
-        links: Sequence[Link],
-        rows_of: Mapping[tuple[int, int], Sequence[int]],
-        receiver: ReceiverConfiguration,
-    ) -> LinkPlan:
-        """Return the plan of a receiver for a sky."""
-        ephemerides = sky.table.ephemerides
-        satellites = [(e.system, e.prn) for e in ephemerides]
-        rows_by_satellite = [rows_of.get(satellite, ()) for satellite in satellites]
-        rows = [row for satellite_rows in rows_by_satellite for row in satellite_rows]
-        chosen = [links[row] for row in rows]
-        signals = [link.signal for link in chosen]
-        of_satellite = dict(zip(satellites, ephemerides, strict=True))
-        delay = SPEED_OF_LIGHT * np.array(
-            [clock_group_delay(k.signal, of_satellite[k.system, k.prn]) for k in chosen]
-        )
-        bias = np.array(
-            [
-                constellation.signal_bias(k.system, k.prn, k.signal.band, k.signal.attribute)
-                + receiver.biases.get(k.signal.name, 0.0)
-                for k in chosen
-            ]
-        )
-        frequency = np.array([signal.frequency for signal in signals])
-        return cls(
-            ephemerides=ephemerides,
-            satellites=satellites,
-            satellite=np.repeat(
-                np.arange(len(satellites)),
-                [len(satellite_rows) for satellite_rows in rows_by_satellite],
-            ),
-            row=np.array(rows, dtype=np.intp),
-            frequency=frequency,
-            wavelength=SPEED_OF_LIGHT / frequency,
-            chip_length=SPEED_OF_LIGHT / np.array([signal.chip_rate for signal in signals]),
-            code_bias=delay + bias,
-            broadcast_delay=delay,
-            cn0_zenith_dbhz=np.array([receiver.cn0_zenith_dbhz[s.name] for s in signals]),
-            system=np.array([link.system for link in chosen], dtype=np.uint8),
-            prn=np.array([link.prn for link in chosen], dtype=np.uint8),
-            band=np.array([signal.band for signal in signals], dtype=np.uint8),
-            attribute=np.array([signal.attribute for signal in signals], dtype=np.uint8),
-            stream=np.array([64 * system + prn for system, prn in satellites], dtype=np.int64),
-            has_data=np.array([signal.has_data for signal in signals], dtype=bool),
-            phase_centre_frequency=np.array(
-                [antex_frequency(s.system, s.band) for s in signals], dtype=str
-            ),
-            upload_errors=tuple(map(constellation.upload_error, ephemerides)),
-        )
-
-    def cn0_dbhz(
-        self,
-        line_of_sight: SatelliteRays,
-        receiver: ReceiverConfiguration,
-        boresight_itrf: FloatArray | None = None,
-    ) -> FloatArray:
-        """Return C/N0 without scintillation and noise, dB-Hz, shape (k, m).
-
-        Parameters
-        ----------
-        line_of_sight : SatelliteRays
-            Shape (k, n).
-        receiver : ReceiverConfiguration
-        boresight_itrf : ndarray, shape (k, 3), optional
-            Unit vectors along the boresight of the antenna; the zenith if absent.
-        """
-        gain = -20.0 * np.log10(line_of_sight.range / _REFERENCE_DISTANCE)
-        if receiver.antenna is not None:
-            off_boresight = 0.5 * math.pi - line_of_sight.elevation
-            if boresight_itrf is not None:
-                cosine = np.einsum("kni,ki->kn", line_of_sight.direction_itrf, boresight_itrf)
-                off_boresight = np.arccos(np.clip(cosine, -1.0, 1.0))
-            gain = gain + receiver.antenna.gain_db(off_boresight)
-        return np.asarray(self.cn0_zenith_dbhz + gain[:, self.satellite])
-
-    def antenna_delay(
-        self,
-        line_of_sight: SatelliteRays,
-        body_axes_itrf: FloatArray,
-        phase_centre: PhaseCentre,
-    ) -> FloatArray:
-        """Return what ranges are longer by than those from the antenna's reference point, (k, m).
-
-        Parameters
-        ----------
-        line_of_sight : SatelliteRays
-            Shape (k, n).
-        body_axes_itrf : ndarray, shape (k, 3, 3)
-            Rows are the x, y and z axes of the body.
-        phase_centre : PhaseCentre
-            Phase centre of the antenna, whose north, east and up axes are x, y and -z.
-        """
-        axes = body_axes_itrf * np.array([1.0, 1.0, -1.0])[:, None]
-        directions = np.einsum("kai,kni->kna", axes, line_of_sight.direction_itrf)
-        delay = np.empty((len(directions), len(self.row)))
-        for frequency in set(self.phase_centre_frequency):
-            links = np.flatnonzero(self.phase_centre_frequency == frequency)
-            centre = phase_centre.maps[frequency]
-            delay[:, links] = centre.delay(directions[:, self.satellite[links]])
-        return delay
-
-    def range_error(self, line_of_sight: SatelliteRays, orbit_errors: FloatArray) -> FloatArray:
-        """Return the true range less that to the broadcast orbit and clock, m, shape (k, n).
-
-        Parameters
-        ----------
-        line_of_sight : SatelliteRays
-            To the broadcast orbits, shape (k, n).
-        orbit_errors : ndarray, shape (k, n, 4)
-            See `Constellation.orbit_errors`.
-        """
-        position = line_of_sight.position_satellite_itrf
-        radial = position / np.linalg.norm(position, axis=-1, keepdims=True)
-        normal = np.cross(position, line_of_sight.velocity_satellite_itrf)
-        normal = normal / np.linalg.norm(normal, axis=-1, keepdims=True)
-        error = (
-            orbit_errors[..., 0, None] * radial
-            + orbit_errors[..., 1, None] * np.cross(normal, radial)
-            + orbit_errors[..., 2, None] * normal
-        )
-        clock = orbit_errors[..., 3]
-        if any(seconds or clock_upload for seconds, clock_upload in self.upload_errors):
-            seconds_ahead, upload_clock = np.array(self.upload_errors).T
-            inertial = line_of_sight.velocity_satellite_itrf + np.cross(_EARTH_ROTATION, position)
-            error = error - seconds_ahead[:, None] * inertial
-            clock = clock - upload_clock
-        projected = np.einsum("...i,...i->...", error, line_of_sight.direction_itrf)
-        return np.asarray(projected - clock)
 
 
 @dataclass(frozen=True, eq=False)
@@ -318,6 +102,7 @@ class MeasurementNoise:
 
     def __init__(self, model: NoiseModel, links: Sequence[Link], seed: int, receiver: int) -> None:
         self._model = model
+        self._fixed: Sigmas | None = None
         addresses = link_addresses(links, receiver)
         self._fields: dict[Effect, NoiseField | GaussMarkovField] = {
             effect: NoiseField(seed, effect, addresses) for effect in _NOISE_EFFECTS
@@ -332,16 +117,19 @@ class MeasurementNoise:
                 correlation_time = 1.0 / (4.0 * bandwidth_hz)
                 self._fields[effect] = GaussMarkovField(seed, effect, addresses, correlation_time)
 
-    @property
-    def is_on(self) -> bool:
-        """Whether there is noise."""
-        return self._model.model != "none"
+    def of_all_links(
+        self, second: int, rows: npt.NDArray[np.intp]
+    ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Return noise of unit variance of code, phase, Doppler and C/N0, shape (links, 20).
 
-    def drawn(
-        self, effect: Effect, second: int, rows: npt.NDArray[np.intp], emitted: slice
-    ) -> FloatArray:
-        """Return noise of unit variance, shape (k, m)."""
-        return self._fields[effect].second(second, rows)[emitted]
+        Only that of the links `rows` is true; empty arrays if noise is off.
+        """
+        if self._model.model == "none":
+            return (_NO_NOISE,) * 4
+        code, phase, doppler, cn0 = (
+            self._fields[effect].of_all_links(second, rows) for effect in _NOISE_EFFECTS
+        )
+        return code, phase, doppler, cn0
 
     def stated(self, sigmas: Sigmas) -> Sigmas:
         """Return what the receiver states for true sigmas."""
@@ -360,10 +148,10 @@ class MeasurementNoise:
         """
         model = self._model
         if model.model == "fixed":
-            whole = np.ones(cn0_dbhz.shape)
-            return Sigmas(
-                model.code_sigma * whole, model.phase_sigma * whole, model.doppler_sigma * whole
-            )
+            if self._fixed is None or self._fixed.code.shape != cn0_dbhz.shape:
+                sizes = (model.code_sigma, model.phase_sigma, model.doppler_sigma)
+                self._fixed = Sigmas(*(np.full(cn0_dbhz.shape, size) for size in sizes))
+            return self._fixed
         ratio = 10.0 ** (0.1 * cn0_dbhz)
         spacing = model.correlator_spacing_chips
         squaring = 1.0 + 1.0 / (2.0 * model.integration_time * ratio)
@@ -377,16 +165,6 @@ class MeasurementNoise:
             * (1.0 + 2.0 / ((2.0 - spacing) * model.integration_time * ratio))
         )
         return Sigmas(code, phase, np.full(cn0_dbhz.shape, model.doppler_sigma))
-
-    @staticmethod
-    def noisy_cn0_dbhz(cn0_dbhz: FloatArray, noise: FloatArray) -> FloatArray:
-        """Return C/N0 as estimated from the power of 0.05 s.
-
-        The relative sigma of the power is sqrt(2 / (C/N0 T)), the noise floor of S4.
-        """
-        ratio = 10.0 ** (0.1 * cn0_dbhz)
-        relative = np.maximum(1.0 + np.sqrt(2.0 / (0.05 * ratio)) * noise, 0.01)
-        return np.asarray(cn0_dbhz + 10.0 * np.log10(relative))
 
 
 class Multipath:
@@ -521,11 +299,116 @@ class LineBiasDrift:
         return self._model.code_sigma * code, self._model.phase_sigma * phase
 
 
-def link_addresses(links: Sequence[Link], receiver: int) -> list[tuple[int, ...]]:
-    """Return the address of each link of a receiver in the random streams."""
-    return [(receiver, k.system, k.prn, k.signal.band, k.signal.attribute) for k in links]
+@compiled
+def observe(  # type: ignore[no-untyped-def]
+    clock_offset,
+    clock_drift,
+    distance,
+    distance_rate,
+    clock_offset_satellite,
+    clock_drift_satellite,
+    satellite,
+    row,
+    code_bias,
+    wavelength,
+    range_terms,
+    code_terms,
+    phase_terms,
+    code_delay,
+    phase_delay,
+    last_phase_delay,
+    cycles,
+    cn0_dbhz,
+    sigma_code,
+    sigma_phase,
+    sigma_doppler,
+    noise_code,
+    noise_phase,
+    noise_doppler,
+    noise_cn0,
+    first,
+    ten,
+):
+    """Return pseudorange (m), phase (cycles), Doppler (Hz) and C/N0 (dB-Hz), shape (4, k, m).
 
-
-def signals_of(configuration: ReceiverConfiguration) -> list[Signal]:
-    """Return the signals that a receiver tracks."""
-    return [SIGNALS[name] for name in configuration.cn0_zenith_dbhz]
+    Parameters
+    ----------
+    clock_offset, clock_drift : ndarray, shape (k,)
+        Of the receiver, s, s/s.
+    distance, distance_rate : ndarray, shape (k, n)
+        m, m/s.
+    clock_offset_satellite, clock_drift_satellite : ndarray, shape (k, n)
+        s, s/s.
+    satellite, row : ndarray of int, shape (m,)
+        Column of each link, and its place among all links.
+    code_bias, wavelength : ndarray, shape (m,)
+        m.
+    range_terms : ndarray, shape (any, k, n)
+        Further parts of the ranges, m.
+    code_terms, phase_terms : ndarray, shape (any, k, m)
+        Further parts of code and carrier ranges, m.
+    code_delay, phase_delay : ndarray, shape (k, m)
+        Of the ionosphere, m.
+    last_phase_delay : ndarray, shape (links,)
+        That of the epoch before of all links, NaN where there was none, m; is changed to that of
+        the last epoch.
+    cycles : ndarray, shape (k, m)
+        By which the phase differs from the carrier range.
+    cn0_dbhz : ndarray, shape (k, m)
+    sigma_code, sigma_phase, sigma_doppler : ndarray, shape (k, m)
+        m, m, m/s.
+    noise_code, noise_phase, noise_doppler, noise_cn0 : ndarray, shape (links, 20)
+        Of unit variance; empty if there is no noise.
+    first : int
+        Index of the first epoch in the second.
+    ten : float
+        10; as a constant it would make another power of it.
+    """
+    epochs, satellites = distance.shape
+    links = len(satellite)
+    result = np.empty((4, epochs, links))
+    ranges, rates = np.empty(satellites), np.empty(satellites)
+    before = last_phase_delay[row]
+    for k in range(epochs):
+        to_receiver_time = 1.0 - clock_drift[k]
+        for n in range(satellites):
+            ranges[n] = distance[k, n] + SPEED_OF_LIGHT * (
+                clock_offset[k] - clock_offset_satellite[k, n]
+            )
+            for t in range(len(range_terms)):
+                ranges[n] += range_terms[t, k, n]
+            satellite_drift = clock_drift_satellite[k, n] * (
+                1.0 - distance_rate[k, n] / SPEED_OF_LIGHT
+            )
+            rate = (distance_rate[k, n] - SPEED_OF_LIGHT * satellite_drift) * to_receiver_time
+            rates[n] = rate + SPEED_OF_LIGHT * clock_drift[k]
+        for m in range(links):
+            n = satellite[m]
+            pseudorange = ranges[n] + code_delay[k, m] + code_bias[m]
+            carrier = ranges[n] + phase_delay[k, m]
+            for t in range(len(code_terms)):
+                pseudorange += code_terms[t, k, m]
+                carrier += phase_terms[t, k, m]
+            change = (phase_delay[k, m] - before[m]) * EPOCHS_PER_SECOND
+            before[m] = phase_delay[k, m]
+            rate = rates[n]
+            if not math.isnan(change):
+                rate += change
+            cn0 = cn0_dbhz[k, m]
+            if len(noise_code):
+                i, epoch = row[m], first + k
+                pseudorange += sigma_code[k, m] * noise_code[i, epoch]
+                carrier += sigma_phase[k, m] * noise_phase[i, epoch]
+                rate += sigma_doppler[k, m] * noise_doppler[i, epoch]
+                # The relative sigma of the power is sqrt(2 / (C/N0 T)), the noise floor of S4.
+                ratio = ten ** (0.1 * cn0)
+                relative = 1.0 + math.sqrt(2.0 / (_POWER_TIME * ratio)) * noise_cn0[i, epoch]
+                cn0 += 10.0 * math.log10(max(relative, 0.01))
+            result[0, k, m] = pseudorange
+            result[1, k, m] = carrier / wavelength[m] + cycles[k, m]
+            result[2, k, m] = -rate / wavelength[m]
+            result[3, k, m] = cn0
+    last_phase_delay[:] = np.nan
+    for m in range(links):
+        last_phase_delay[row[m]] = before[m]
+    return result

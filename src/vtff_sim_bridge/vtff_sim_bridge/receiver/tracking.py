@@ -8,28 +8,20 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from vtff_dynamics.compiled import compiled
 from vtff_dynamics.vectors import FloatArray
 from vtff_gnss import constants as c
 from vtff_sim_bridge.gnss.configuration import TrackingModel
 from vtff_sim_bridge.gnss.faults import Fault
-from vtff_sim_bridge.gnss.signal_table import Signal
+from vtff_sim_bridge.gnss.link_plan import Link
 from vtff_sim_bridge.noise.random_streams import EPOCHS_PER_SECOND, Effect, generator
 
-__all__ = ["Arc", "Link", "Tracker", "Tracks"]
+__all__ = ["Arc", "Tracker", "Tracks"]
 
 BoolArray = npt.NDArray[np.bool_]
 
 _AMBIGUITY_LIMIT = 1000
 _LOCKED = c.FLAG_CODE_VALID | c.FLAG_PHASE_VALID
-
-
-@dataclass(frozen=True)
-class Link:
-    """A signal of a satellite as a receiver may track it."""
-
-    system: int
-    prn: int
-    signal: Signal
 
 
 @dataclass(frozen=True)
@@ -102,7 +94,6 @@ class Tracker:
         self._parity_epoch = np.zeros(count, dtype=np.int64)
         self._parity_offset = np.zeros(count)
         self._has_parity = np.zeros(count, dtype=bool)
-        self._has_channel = np.zeros(0, dtype=bool)
         self._outages = [f for f in faults if f.kind == "outage"]
         self._phase_faults = [f for f in faults if f.kind in ("slip", "half_cycle")]
         self._fault_epochs = {f.first_epoch for f in self._phase_faults}
@@ -180,32 +171,36 @@ class Tracker:
         Tracks
             Tracking of all links, arrays of shape (k, m).
         """
-        count = len(can_track)
         can_track = self._without_outages(first_epoch, rows, can_track)
         shape = can_track.shape
-        tracked, half = np.empty(shape, dtype=bool), np.empty(shape, dtype=bool)
-        parity = np.empty(shape, dtype=bool)
-        cycles, lock = np.empty(shape), np.empty(shape, dtype=np.int64)
-        start = 0
-        while start < count:
-            self._step(first_epoch + start, rows, can_track[start])
-            end = self._next_change(first_epoch, start, rows, can_track)
+        tracks = Tracks(
+            np.empty(shape, dtype=bool),
+            np.empty(shape),
+            np.empty(shape),
+            np.empty(shape, np.uint16),
+        )
+        # Where something is to be done that the states of the links do not tell.
+        is_event = np.zeros(len(can_track), dtype=bool)
+        for epoch in self._fault_epochs:
+            if first_epoch <= epoch < first_epoch + len(can_track):
+                is_event[epoch - first_epoch] = True
+        if slips is not None:
+            is_event |= slips.any(axis=1)
+        begin, is_settled = 0, False
+        while True:
+            begin = _follow_tracks(
+                begin, is_settled, first_epoch, rows, can_track, is_event,
+                self._is_tracked, self._available_since, self._acquisition_epochs,
+                self._has_parity, self._parity_epoch, self._is_half_added,
+                self._cycles, self._lock_epoch,
+                tracks.is_tracked, tracks.lock_time, tracks.cycles, tracks.flags,
+            )  # fmt: skip
+            if begin == len(can_track):
+                return tracks
+            self._step(first_epoch + begin, rows, can_track[begin])
             if slips is not None:
-                self._slip(first_epoch + start, rows, slips[start])
-                later = np.flatnonzero(slips[start + 1 : end].any(axis=1))
-                end = start + 1 + int(later[0]) if later.size else end
-            unchanged = slice(start, end)
-            tracked[unchanged], half[unchanged] = (
-                self._is_tracked[rows],
-                self._is_half_added[rows],
-            )
-            parity[unchanged] = self._has_parity[rows]
-            cycles[unchanged], lock[unchanged] = self._cycles[rows], self._lock_epoch[rows]
-            start = end
-        epochs = first_epoch + np.arange(count)[:, None]
-        flags = np.where(parity, _LOCKED | c.FLAG_PARITY_KNOWN, _LOCKED)
-        flags = np.where(half, flags | c.FLAG_HALF_CYCLE_ADDED, flags)
-        return Tracks(tracked, (epochs - lock) / EPOCHS_PER_SECOND, cycles, flags.astype(np.uint16))
+                self._slip(first_epoch + begin, rows, slips[begin])
+            is_settled = True
 
     def _without_outages(
         self, first_epoch: int, rows: npt.NDArray[np.intp], can_track: BoolArray
@@ -220,25 +215,6 @@ class Tracker:
     def _concerns(self, fault: Fault, row: int) -> bool:
         link = self._links[row]
         return fault.concerns(link.system, link.prn, link.signal.name)
-
-    def _next_change(
-        self, first_epoch: int, start: int, rows: npt.NDArray[np.intp], can_track: BoolArray
-    ) -> int:
-        """Return the next index at which something may change; links stay as they are till then."""
-        count = len(can_track)
-        differs = (can_track[start + 1 :] != can_track[start]).any(axis=1)
-        end = start + 1 + int(np.argmax(differs)) if differs.any() else count
-        epoch = first_epoch + start
-        waiting = rows[(self._available_since[rows] >= 0) & ~self._is_tracked[rows]]
-        due = [self._available_since[waiting] + self._acquisition_epochs]
-        due.append(self._parity_epoch[rows[self._is_tracked[rows] & ~self._has_parity[rows]]])
-        for times in due:
-            if times.size:
-                end = min(end, max(start + 1, int(times.min()) - first_epoch))
-        for fault_epoch in self._fault_epochs:
-            if epoch < fault_epoch:
-                end = min(end, fault_epoch - first_epoch)
-        return min(end, count)
 
     @property
     def _acquisition_epochs(self) -> int:
@@ -319,3 +295,83 @@ class Tracker:
                     if not fault.is_silent_slip:
                         self._lock_epoch[row] = epoch
                 self._report(Arc(epoch, self._links[row], fault.kind, float(self._cycles[row])))
+
+
+@compiled
+def _follow_tracks(  # type: ignore[no-untyped-def]
+    begin,
+    is_settled,
+    first_epoch,
+    rows,
+    can_track,
+    is_event,
+    is_tracked,
+    available_since,
+    acquisition_epochs,
+    has_parity,
+    parity_epoch,
+    is_half_added,
+    cycles,
+    lock_epoch,
+    tracked_out,
+    lock_time_out,
+    cycles_out,
+    flags_out,
+):
+    """Fill in the tracks from an epoch on, as long as the state of no link has to change.
+
+    Parameters
+    ----------
+    begin : int
+        Index of that epoch.
+    is_settled : bool
+        Whether the states are already those of this epoch.
+    first_epoch, rows, can_track
+        As in `Tracker.advance`.
+    is_event : ndarray of bool, shape (k,)
+        Where states change for other reasons than those that the states tell.
+    is_tracked, ..., lock_epoch : ndarray, shape (links,)
+        States of all links.
+    tracked_out, ..., flags_out : ndarray, shape (k, m)
+        Fields of `Tracks`.
+
+    Returns
+    -------
+    int
+        Index of the first epoch that is not filled in, whose states are to be found first.
+    """
+    epochs, links = can_track.shape
+    # Links that may no longer be tracked are lost at the first epoch.
+    known = 0
+    for m in range(links):
+        known += is_tracked[rows[m]] or available_since[rows[m]] >= 0
+    for row in range(len(is_tracked)):
+        known -= is_tracked[row] or available_since[row] >= 0
+    for k in range(begin, epochs):
+        epoch = first_epoch + k
+        if k > begin or not is_settled:
+            if known != 0 or is_event[k]:
+                return k
+            for m in range(links):
+                row = rows[m]
+                if is_tracked[row]:
+                    if not can_track[k, m] or (not has_parity[row] and parity_epoch[row] <= epoch):
+                        return k
+                elif can_track[k, m]:
+                    since = available_since[row]
+                    if since < 0 or epoch >= since + acquisition_epochs:
+                        return k
+                elif available_since[row] >= 0:
+                    return k
+        for m in range(links):
+            row = rows[m]
+            tracked_out[k, m] = is_tracked[row]
+            lock_time_out[k, m] = (epoch - lock_epoch[row]) / EPOCHS_PER_SECOND
+            cycles_out[k, m] = cycles[row]
+            flags = _LOCKED
+            if has_parity[row]:
+                flags |= c.FLAG_PARITY_KNOWN
+            if is_half_added[row]:
+                flags |= c.FLAG_HALF_CYCLE_ADDED
+            flags_out[k, m] = flags
+    return epochs

@@ -16,11 +16,11 @@ from vtff_gnss.constants import GRAVITATIONAL_PARAMETER_BROADCAST
 from vtff_gnss.ephemeris import BroadcastEphemeris
 from vtff_gnss.signals import satellite_name
 from vtff_sim_bridge.gnss.configuration import ReceiverConfiguration
+from vtff_sim_bridge.gnss.link_plan import signals_of
 from vtff_sim_bridge.gnss.signal_table import SIGNALS, Signal, clock_group_delay
 from vtff_sim_bridge.gnss.sky import Constellation
 from vtff_sim_bridge.noise.random_streams import EPOCHS_PER_SECOND
 from vtff_sim_bridge.receiver.measurements import Measurements
-from vtff_sim_bridge.receiver.observables import signals_of
 from vtff_sim_bridge.receiver.tracking import Arc
 from vtff_sim_bridge.receiver.truth_file import TruthFile
 

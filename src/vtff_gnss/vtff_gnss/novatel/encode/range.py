@@ -282,7 +282,7 @@ def _range_frames(
     if channel is None:
         channel = np.zeros(shape, dtype=np.uint8)
 
-    def column(values: npt.NDArray[Any], kind: type[np.generic]) -> npt.NDArray[Any]:
+    def column(values: npt.NDArray[Any], kind: type[np.generic] | None = None) -> npt.NDArray[Any]:
         return np.ascontiguousarray(values, dtype=kind).reshape(shape)
 
     words, ends = write_range_frames(
@@ -296,11 +296,11 @@ def _range_frames(
         int(_PHASE_LOCK_BIT),
         column(o.pseudorange, np.float64),
         column(o.carrier_phase_cycles, np.float64),
-        column(o.pseudorange_sigma, np.float32),
-        column(o.carrier_phase_sigma_cycles, np.float32),
-        column(o.doppler_hz, np.float32),
-        column(o.cn0_dbhz, np.float32),
-        column(o.lock_time, np.float32),
+        column(o.pseudorange_sigma),
+        column(o.carrier_phase_sigma_cycles),
+        column(o.doppler_hz),
+        column(o.cn0_dbhz),
+        column(o.lock_time),
         column(o.flags, np.uint16),
         column(channel, np.uint8),
     )

@@ -77,7 +77,7 @@ def write_range_frames(  # type: ignore[no-untyped-def]
     pseudorange, carrier_phase_cycles : ndarray of float64, shape (k, n)
         m, cycles; the RANGE log has the negative of the phase.
     pseudorange_sigma, carrier_phase_sigma_cycles, doppler_hz, cn0_dbhz, lock_time : ndarray
-        float32, shape (k, n); m, cycles, Hz, dB-Hz, s.
+        Shape (k, n), float32 or what is rounded to it; m, cycles, Hz, dB-Hz, s.
     flags : ndarray of uint16, shape (k, n)
     channel : ndarray of uint8, shape (k, n)
         Receiver channels 0..31.
