@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from vtff_dynamics.compiled import compiled
 from vtff_dynamics.vectors import FloatArray
 from vtff_gnss.constants import ELECTRONS_PER_TECU
 
@@ -120,17 +121,12 @@ class ElectronDensityProfile:
             Integral of N(h') ((h' - altitude_peak) / MOMENT_LENGTH)^j dh' for j = 0 ... 3,
             electrons per square metre. Exact for the linear table.
         """
-        height = np.asarray(np.maximum(altitude, self.altitude[0]))
-        np.minimum(height, self.altitude[-1], out=height)
-        index = self.altitude.searchsorted(height, side="right") - 1
-        step = (height - self.altitude.take(index)) / MOMENT_LENGTH
-        coefficients = self._coefficients.take(index, axis=0)
-        powers = np.empty((*step.shape, _MOMENTS + 2, 1))
-        powers[..., 0, 0] = 1.0
-        for power in range(1, _MOMENTS + 2):
-            np.multiply(powers[..., power - 1, 0], step, out=powers[..., power, 0])
+        height = np.asarray(altitude, dtype=float)
+        coefficients, powers = _moment_factors(
+            np.ascontiguousarray(height).reshape(-1), self.altitude, self._coefficients
+        )
         moments: FloatArray = (coefficients @ powers)[..., 0]
-        return moments
+        return moments.reshape(*height.shape, _MOMENTS)
 
     def _moment_coefficients(self) -> FloatArray:
         """Return the polynomials (n, 4, 6) of the cumulative moments above each table altitude.
@@ -249,3 +245,29 @@ def write_profile(path: str | Path, profile: ElectronDensityProfile, comment: st
     pairs = zip(profile.altitude.tolist(), profile.density_per_m3.tolist(), strict=True)
     lines.extend(f"{altitude!r},{density!r}" for altitude, density in pairs)
     Path(path).write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+@compiled
+def _moment_factors(height, altitude, coefficients):  # type: ignore[no-untyped-def]
+    """Return the polynomials of the moments at heights (n,), and the powers to multiply them with.
+
+    The table has its altitudes and, for each, `coefficients` (4, 6). Shapes (n, 4, 6), (n, 6, 1).
+    """
+    count, degrees = len(height), coefficients.shape[2]
+    chosen = np.empty((count, coefficients.shape[1], degrees))
+    powers = np.empty((count, degrees, 1))
+    for k in range(count):
+        limited = min(max(height[k], altitude[0]), altitude[-1])
+        low, high = 0, len(altitude)
+        while high - low > 1:
+            middle = (low + high) // 2
+            if altitude[middle] <= limited:
+                low = middle
+            else:
+                high = middle
+        step = (limited - altitude[low]) / MOMENT_LENGTH
+        chosen[k] = coefficients[low]
+        powers[k, 0, 0] = 1.0
+        for power in range(1, degrees):
+            powers[k, power, 0] = powers[k, power - 1, 0] * step
+    return chosen, powers

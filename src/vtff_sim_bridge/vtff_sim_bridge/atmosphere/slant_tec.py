@@ -25,6 +25,13 @@ from vtff_dynamics.constants import WGS84_FLATTENING, WGS84_SEMI_MAJOR_AXIS
 from vtff_dynamics.vectors import FloatArray
 from vtff_gnss.constants import ELECTRONS_PER_TECU, IONOSPHERIC_DELAY_CONSTANT
 from vtff_sim_bridge.atmosphere.electron_density import MOMENT_LENGTH, ElectronDensityProfile
+from vtff_sim_bridge.atmosphere.slant_tec_kernels import (
+    cell_edges,
+    centred_moments,
+    ray_geometry,
+    ray_kernel,
+    rise_from_perigee,
+)
 
 __all__ = [
     "ALTITUDE_MODELS",
@@ -34,10 +41,6 @@ __all__ = [
 
 ALTITUDE_MODELS = ("ellipsoidal", "spherical")
 """Names accepted by `SlantTecIntegrator`."""
-
-_CELL_RATIO = 1.25
-_NEAREST = 5e3
-_NEAREST_PER_ALTITUDE = 0.01
 
 # Chebyshev nodes of a cell [-1, 1], and the matrix that turns moments into weights at them.
 _NODES = np.cos(np.pi * (2.0 * np.arange(4) + 1.0) / 8.0)
@@ -146,30 +149,18 @@ class SlantTecIntegrator:
                 "position_receiver_itrf, position_satellite_itrf: shapes (3,) and (n, 3), or (m, 3)"
                 f" and (m, n, 3), are required, got {receiver.shape} and {satellite.shape}"
             )
-        stec = self._stretched_content(
-            receiver.reshape(-1, 1, 3), satellite.reshape(-1, satellite.shape[-2], 3)
+        receiver = np.ascontiguousarray(receiver.reshape(-1, 3))
+        satellite_of_receiver = satellite.reshape(-1, satellite.shape[-2], 3)
+        radius, start, end, perigee_squared, scale = ray_geometry(
+            receiver, satellite_of_receiver, self._stretch
         )
-        return stec.reshape(satellite.shape[:-1]) / ELECTRONS_PER_TECU
-
-    def _stretched_content(self, receiver: FloatArray, satellite: FloatArray) -> FloatArray:
-        """Return the content (m, n), electrons/m2, of rays (m, 1, 3) to (m, n, 3)."""
-        ray = satellite - receiver
-        length = np.sqrt(_dot(ray, ray))
-        receiver = receiver * self._stretch
-        ray = ray * self._stretch
-        stretched_length = np.sqrt(_dot(ray, ray))
-        if not (length > 0.0).all() or not np.isfinite(length).all():
+        if np.isnan(scale).any():
             raise ValueError(
                 "position_receiver_itrf, position_satellite_itrf: positions must be finite and "
                 "receiver and satellite apart"
             )
-        radius = np.sqrt(_dot(receiver, receiver))
-        # Distance along the ray from its point nearest to the centre.
-        start = _dot(receiver, ray) / stretched_length
-        end = start + stretched_length
-        perigee_squared = (radius - start) * (radius + start)
-        content = self._signed_content(radius, start, perigee_squared, end)
-        return content * (length / stretched_length)
+        content = self._signed_content(radius, start, perigee_squared, end) * scale
+        return content.reshape(satellite.shape[:-1]) / ELECTRONS_PER_TECU
 
     def _signed_content(
         self, radius: FloatArray, start: FloatArray, perigee_squared: FloatArray, end: FloatArray
@@ -207,12 +198,14 @@ class SlantTecIntegrator:
         """
         profile = self.profile
         # Below the profile nothing is to be integrated.
-        altitude = np.maximum(radius - self._radius, profile.altitude_bottom)
-        nearest = np.maximum(
-            _NEAREST, _NEAREST_PER_ALTITUDE * np.abs(altitude - profile.altitude_peak)
+        altitude, nearest, low = rise_from_perigee(
+            radius,
+            start,
+            self._radius,
+            profile.altitude_bottom,
+            profile.altitude_peak,
+            profile.altitude_top,
         )
-        distance = self._distance_above_perigee(radius, start, altitude)
-        low = (distance < nearest) & (altitude < profile.altitude_top)
         content = self._content_far(radius, start, altitude, nearest)
         if low.any():
             row = np.nonzero(low)[0]
@@ -235,14 +228,6 @@ class SlantTecIntegrator:
         near: FloatArray = np.array([self._content_near(*row) for row in columns])
         return content + near
 
-    def _distance_above_perigee(
-        self, radius: FloatArray, start: FloatArray, altitude: FloatArray
-    ) -> FloatArray:
-        """Return rho = r' - p at an altitude, without loss of digits, m."""
-        perigee = np.sqrt(np.maximum((radius - start) * (radius + start), 0.0))
-        distance: FloatArray = start**2 / (radius + perigee) + (altitude + self._radius - radius)
-        return distance
-
     def _content_far(
         self, radius: FloatArray, start: FloatArray, altitude: FloatArray, nearest: FloatArray
     ) -> FloatArray:
@@ -250,49 +235,16 @@ class SlantTecIntegrator:
 
         All arguments but `start` (m, n) have shape (m, 1).
         """
-        reach = 1.0 + np.maximum(self.profile.altitude_top - altitude, 0.0) / nearest
-        cells = max(1, math.ceil(math.log(reach.max()) / math.log(_CELL_RATIO)))
-        edges = altitude + nearest * (reach ** (np.arange(cells + 1) / cells) - 1.0)
-        nodes, weights = self._cell_nodes(edges)
-        rise = nodes + (self._radius - radius)
-        # r'^2 - p^2 = s^2 + (r' - r)(r' + r)
-        square = (rise * (rise + 2.0 * radius))[:, None, :] + (start * start)[:, :, None]
-        weights *= rise + radius
-        with np.errstate(divide="ignore", invalid="ignore"):
-            kernel = np.sqrt(square, out=square)
-            np.reciprocal(kernel, out=kernel)
-            content: FloatArray = (kernel @ weights[:, :, None])[:, :, 0]
+        profile = self.profile
+        edges = cell_edges(altitude, nearest, profile.altitude_top)
+        moments = centred_moments(
+            profile.cumulative_moments(edges), edges, profile.altitude_peak, MOMENT_LENGTH
+        )
+        weights = moments @ _WEIGHTS_FROM_MOMENTS.T
+        kernel, products = ray_kernel(edges, weights, _NODES, radius, start, self._radius)
+        with np.errstate(invalid="ignore"):
+            content: FloatArray = (kernel @ products)[:, :, 0]
         return content
-
-    def _cell_nodes(self, edges: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return altitudes (m, 4 c) and density-weighted weights (m, 4 c) of cells.
-
-        Parameters
-        ----------
-        edges : ndarray, shape (m, c + 1)
-            Altitudes between the cells, m.
-        """
-        low, high = edges[:, :-1], edges[:, 1:]
-        centre = 0.5 * (high + low)
-        half = np.maximum(0.5 * (high - low), 1e-3)
-        cumulative = self.profile.cumulative_moments(edges)
-        raw = cumulative[:, 1:] - cumulative[:, :-1]
-        # Moments about the centre, in units of the half width (binomial theorem).
-        shift = (self.profile.altitude_peak - centre) / half
-        scale = MOMENT_LENGTH / half
-        m0, m1, m2, m3 = (raw[..., j] for j in range(4))
-        m1 = scale * m1
-        scale_squared = scale * scale
-        m2 = scale_squared * m2
-        m3 = scale_squared * scale * m3
-        shifted_1 = m1 + shift * m0
-        shifted_2 = m1 + shifted_1
-        raw[..., 1] = shifted_1
-        raw[..., 2] = m2 + shift * shifted_2
-        raw[..., 3] = m3 + shift * (3.0 * m2 + shift * (m1 + shifted_2))
-        weights = raw @ _WEIGHTS_FROM_MOMENTS.T
-        nodes = centre[..., None] + half[..., None] * _NODES
-        return nodes.reshape(len(edges), -1), weights.reshape(len(edges), -1)
 
     def _content_near(
         self, radius: float, start: float, altitude_low: float, altitude_high: float
