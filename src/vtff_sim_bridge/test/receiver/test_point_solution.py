@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from vtff_sim_bridge.receiver.point_solution import RangeEquations, solve_point
+from vtff_sim_bridge.receiver.point_solution import RangeEquations, solve_points
 
 DIRECTION = np.array(
     [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [-0.6, 0.0, -0.8], [0.0, -0.8, 0.6]]
@@ -15,8 +15,8 @@ DIRECTION = np.array(
 def equations(count, excess=0.0):
     return RangeEquations(
         direction=DIRECTION[:count],
-        excess=np.full(count, excess) * np.arange(count),
-        sigma=np.full(count, 2.0),
+        excess=np.full((1, count), excess) * np.arange(count),
+        sigma=np.full((1, count), 2.0),
         system=np.zeros(count, dtype=int),
     )
 
@@ -28,16 +28,14 @@ def stated_sigma(count):
 
 @pytest.mark.parametrize("count", [4, 5])
 def test_sigma_is_that_of_the_measurements_where_they_agree(count):
-    solution = solve_point(equations(count))
-    assert solution is not None
+    (solution,) = solve_points(equations(count)) or ()
     np.testing.assert_allclose(solution.sigma, stated_sigma(count), rtol=1e-12)
 
 
 def test_a_misfit_makes_the_sigma_greater():
-    solution = solve_point(equations(5, excess=30.0))
-    assert solution is not None
+    (solution,) = solve_points(equations(5, excess=30.0)) or ()
     assert (solution.sigma > 2.0 * stated_sigma(5)).all()
 
 
 def test_too_few_satellites_have_no_solution():
-    assert solve_point(equations(3)) is None
+    assert solve_points(equations(3)) is None

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from vtff_dynamics.compiled import compiled
 from vtff_dynamics.vectors import FloatArray
 from vtff_sim_bridge.noise.random_streams import EPOCHS_PER_SECOND, Effect, generator
 
@@ -24,6 +25,8 @@ Kalman Filtering, table of Allan variance coefficients of timing standards. CSAC
 data sheet, Allan deviation 3e-10 at 1 s falling with the square root of time to 1e-11 at 1e5 s."""
 
 _STEP = 1.0 / EPOCHS_PER_SECOND
+# Noise is drawn for so many seconds at once.
+_BLOCK_SECONDS = 64
 
 
 @dataclass(frozen=True)
@@ -107,8 +110,10 @@ class ReceiverClock:
         self._drift_sigma = math.sqrt(walk * _STEP)
         self._correlated = 0.5 * _STEP * self._drift_sigma
         self._offset_sigma = math.sqrt(white * _STEP + walk * _STEP**3 / 12.0)
-        self._noise = generator(seed, Effect.RECEIVER_CLOCK, receiver)
-        self._steering_noise = generator(seed, Effect.CLOCK_STEERING, receiver)
+        self._generator = generator(seed, Effect.RECEIVER_CLOCK, receiver)
+        self._steering_generator = generator(seed, Effect.CLOCK_STEERING, receiver)
+        self._noise: FloatArray = np.empty((0, EPOCHS_PER_SECOND, 2))
+        self._steering_noise: list[float] = []
         self._second = 0
         self._offsets: FloatArray = np.full(EPOCHS_PER_SECOND, self._offset)
         self._drifts: FloatArray = np.full(EPOCHS_PER_SECOND, self._drift)
@@ -132,23 +137,49 @@ class ReceiverClock:
         return self._offsets, self._drifts
 
     def _advance(self) -> None:
-        acceleration = self._steering() if self._model.is_steered else 0.0
-        noise = self._noise.standard_normal((EPOCHS_PER_SECOND, 2)).tolist()
-        offset, drift = self._offset, self._drift
-        first_epoch = (self._second - 1) * EPOCHS_PER_SECOND + 1
-        offsets, drifts = [], []
-        for epoch, (first, second) in enumerate(noise, start=first_epoch):
-            change = _STEP * (drift + 0.5 * _STEP * acceleration)
-            change += self._correlated * first + self._offset_sigma * second
-            offset += change + self._jumps.get(epoch, 0.0)
-            drift += _STEP * acceleration + self._drift_sigma * first
-            offsets.append(offset)
-            drifts.append(change / _STEP)
-        self._offset, self._drift = offset, drift
-        self._offsets, self._drifts = np.array(offsets), np.array(drifts)
+        within = (self._second - 1) % _BLOCK_SECONDS
+        if within == 0:
+            self._noise = self._generator.standard_normal((_BLOCK_SECONDS, EPOCHS_PER_SECOND, 2))
+        acceleration = self._steering(within) if self._model.is_steered else 0.0
+        jumps = np.zeros(EPOCHS_PER_SECOND)
+        for epoch, jump in self._jumps.items():
+            if 0 < epoch - (self._second - 1) * EPOCHS_PER_SECOND <= EPOCHS_PER_SECOND:
+                jumps[(epoch - 1) % EPOCHS_PER_SECOND] = jump
+        self._offsets, self._drifts, self._drift = _advance_clock(
+            self._offset,
+            self._drift,
+            acceleration,
+            self._noise[within],
+            jumps,
+            self._drift_sigma,
+            self._correlated,
+            self._offset_sigma,
+        )
+        self._offset = float(self._offsets[-1])
 
-    def _steering(self) -> float:
+    def _steering(self, within: int) -> float:
         """Return the drift rate that the receiver commands for the next second, 1/s."""
-        noise = self._model.steering_sigma * float(self._steering_noise.standard_normal())
+        if within == 0:
+            self._steering_noise = self._steering_generator.standard_normal(_BLOCK_SECONDS).tolist()
+        noise = self._model.steering_sigma * self._steering_noise[within]
         frequency = self._model.steering_frequency
         return -frequency * (frequency * (self._offset + noise) + 2.0 * self._drift)
+
+
+@compiled
+def _advance_clock(  # type: ignore[no-untyped-def]
+    offset, drift, acceleration, noise, jumps, drift_sigma, correlated, offset_sigma
+):
+    """Return offset (s) and drift (s/s) at epochs, (k,), and the drift of the oscillator at last.
+
+    `noise` (k, 2) is of unit variance; `jumps` (k,) are added to the offset from an epoch on, s.
+    """
+    offsets, drifts = np.empty(len(jumps)), np.empty(len(jumps))
+    for k in range(len(jumps)):
+        change = _STEP * (drift + 0.5 * _STEP * acceleration)
+        change += correlated * noise[k, 0] + offset_sigma * noise[k, 1]
+        offset += change + jumps[k]
+        drift += _STEP * acceleration + drift_sigma * noise[k, 0]
+        offsets[k] = offset
+        drifts[k] = change / _STEP
+    return offsets, drifts, drift

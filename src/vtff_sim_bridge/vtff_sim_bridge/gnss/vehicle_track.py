@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
+from vtff_dynamics.compiled import compiled
 from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
 from vtff_dynamics.vectors import FloatArray
 from vtff_gnss.orbits.line_of_sight import ellipsoid_normal
@@ -59,62 +60,69 @@ def vehicle_track(
     antenna_body : array_like, shape (3,), optional
         Point of the body whose motion is returned, in body axes from the centre of mass, m.
     """
-    end = second * EPOCHS_PER_SECOND
     indices = range(EPOCHS_PER_SECOND)[emitted]
-    times = [(end - EPOCHS_PER_SECOND + 1 + index) * EPOCH_NANOSECONDS for index in indices]
-    commands = [motion.command_at(times[0])]
-    if motion.command_at(times[-1])[1] is commands[0][1]:
-        # Mostly one command holds for the whole second.
-        commands *= len(times)
-    else:
-        commands += [motion.command_at(time) for time in times[1:]]
-    elapsed = np.array([time - since for time, (since, _) in zip(times, commands, strict=True)])
-    parts, first = [], 0
-    while first < len(times):
-        state = commands[first][1]
-        count = next(
-            (k for k in range(first, len(times)) if commands[k][1] is not state), len(times)
-        )
-        parts.append(_extrapolate(state, elapsed[first:count] / NANOSECONDS_PER_SECOND))
-        first = count
-    vectors = parts[0] if len(parts) == 1 else np.concatenate(parts)
-    nearest: slice | npt.NDArray[np.intp] = slice(None)
-    if len(times) < EPOCHS_PER_SECOND:
-        nearest = np.clip(np.arange(EPOCHS_PER_SECOND), indices[0], indices[-1]) - indices[0]
+    nearest = np.clip(np.arange(EPOCHS_PER_SECOND), indices[0], indices[-1])
+    times = ((second - 1) * EPOCHS_PER_SECOND + 1 + nearest) * EPOCH_NANOSECONDS
+    commands = motion.commands_between(int(times[0]), int(times[-1]))
+    vectors = _extrapolate(
+        times,
+        np.array([since for since, _ in commands]),
+        np.array([state[:4] for _, state in commands]),
+    )
     boresight = None
-    states = {id(state): state for _, state in commands}.values()
-    if any(any(map(any, state[4:])) for state in states):
-        angles = np.array([motion.at(time).heading_elevation_bank for time in times])
-        boresight = _boresight_itrf(angles, vectors[:, 0])[nearest]
+    if any(any(map(any, state[4:])) for _, state in commands):
+        angles = np.array([motion.at(time).heading_elevation_bank for time in times.tolist()])
+        boresight = _boresight_itrf(angles, vectors[:, 0])
     axes = None
     if antenna_body is not None:
-        axes, moved = _antenna_motion(commands, elapsed, np.asarray(antenna_body, dtype=float))
+        axes, moved = _antenna_motion(
+            [motion.command_at(time) for time in times.tolist()],
+            times,
+            np.asarray(antenna_body, dtype=float),
+        )
         vectors[:, :2] += moved
-        axes = axes[nearest]
-    vectors = vectors[nearest]
     return VehicleTrack(vectors[:, 0], vectors[:, 1], vectors[:, 2], boresight, axes)
 
 
-def _extrapolate(state: MotionState, seconds: FloatArray) -> FloatArray:
-    """Return position, velocity, acceleration (k, 3, 3), as `MotionState.extrapolate` does."""
-    position, velocity, acceleration, jerk = np.array(state[:4])
-    seconds = seconds[:, None]
-    half, third = seconds / 2.0, seconds / 3.0
-    vectors = np.empty((len(seconds), 3, 3))
-    vectors[:, 0] = position + seconds * (velocity + half * (acceleration + third * jerk))
-    vectors[:, 1] = velocity + seconds * (acceleration + half * jerk)
-    vectors[:, 2] = acceleration + seconds * jerk
+@compiled
+def _extrapolate(times, command_times, states):  # type: ignore[no-untyped-def]
+    """Return position, velocity, acceleration (k, 3, 3), as `MotionState.extrapolate` does.
+
+    Parameters
+    ----------
+    times : ndarray of int64, shape (k,)
+        In order, ns into the run.
+    command_times : ndarray of int64, shape (c,)
+        From when each command holds, ns; the first one at the first time.
+    states : ndarray, shape (c, 4, 3)
+        Position and its derivatives of each command.
+    """
+    vectors = np.empty((len(times), 3, 3))
+    command = 0
+    for k in range(len(times)):
+        while command + 1 < len(command_times) and command_times[command + 1] <= times[k]:
+            command += 1
+        seconds = (times[k] - command_times[command]) / NANOSECONDS_PER_SECOND
+        half, third = seconds / 2.0, seconds / 3.0
+        for i in range(3):
+            position, velocity = states[command, 0, i], states[command, 1, i]
+            acceleration, jerk = states[command, 2, i], states[command, 3, i]
+            vectors[k, 0, i] = position + seconds * (
+                velocity + half * (acceleration + third * jerk)
+            )
+            vectors[k, 1, i] = velocity + seconds * (acceleration + half * jerk)
+            vectors[k, 2, i] = acceleration + seconds * jerk
     return vectors
 
 
 def _antenna_motion(
-    commands: list[tuple[int, MotionState]], elapsed: npt.NDArray[np.int64], antenna: FloatArray
+    commands: list[tuple[int, MotionState]], times: npt.NDArray[np.int64], antenna: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Return body axes (k, 3, 3), and position and velocity of a point less the centre's (k, 2, 3).
 
     The acceleration of a lever arm is left out: in orbit it is below 1e-6 m/s2 for each metre.
     """
-    seconds = elapsed / NANOSECONDS_PER_SECOND
+    seconds = (times - [since for since, _ in commands]) / NANOSECONDS_PER_SECOND
     around = []
     for shift in (-_DIFFERENCE_TIME, 0.0, _DIFFERENCE_TIME):
         states = [

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from vtff_dynamics.compiled import compiled
 from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_dynamics.vectors import FloatArray
@@ -38,7 +39,7 @@ from vtff_sim_bridge.noise.cycle_slips import NoiseSlips, slip_rate
 from vtff_sim_bridge.noise.random_streams import EPOCHS_PER_SECOND, receiver_number
 from vtff_sim_bridge.receiver.arriving_signals import ArrivingSignals
 from vtff_sim_bridge.receiver.measurements import Measurements
-from vtff_sim_bridge.receiver.navigation_solution import solve_navigation
+from vtff_sim_bridge.receiver.navigation_solution import NavigationSolver
 from vtff_sim_bridge.receiver.observables import (
     LineBiasDrift,
     MeasurementNoise,
@@ -137,6 +138,8 @@ class MeasurementEngine:
         self._ephemerides: tuple[BroadcastEphemeris, ...] = ()
         self._heard: tuple[LinkPlan, bytes] | None = None
         self._received: dict[tuple[int, int, int], tuple[BroadcastEphemeris, ...]] = {}
+        self._received_satellites: frozenset[tuple[int, int]] = frozenset()
+        self._solver = NavigationSolver()
         self._ionosphere_utc: tuple[IonosphereUtc, ...] = ()
         self._solution: tuple[int, Fix, ReceiverTime] | None = None
         self.measurements: Measurements | None = None
@@ -191,7 +194,9 @@ class MeasurementEngine:
         """Return the signals at all 20 epochs of a second; true only at the `emitted` ones."""
         time = self._start + second
         offset, drift = self._clock.second(second)
-        position, velocity = _at_reception(track, offset)
+        position, velocity = _at_reception(
+            track.position_itrf, track.velocity_itrf, track.acceleration_itrf, offset
+        )
         sky, plan = self._refresh_sky(second, position[emitted][0])
         line_of_sight = sky.rays(time, _TAGS - offset, position, velocity)
         elapsed = second + _TAGS
@@ -476,6 +481,7 @@ class MeasurementEngine:
                     sets.append(fnav_ephemeris(sets[0]))
                 self._received[key] = (source, *sets)
         if has_new:
+            self._received_satellites = frozenset(key[:2] for key in self._received)
             self._ephemerides = tuple(
                 e for _, sets in sorted(self._received.items()) for e in sets[1:]
             )
@@ -486,10 +492,10 @@ class MeasurementEngine:
         index = self._index(time)
         epoch = self._last_measurements().first_epoch + index
         if self._solution is None or self._solution[0] != epoch:
-            received = {key[:2] for key in self._received}
+            measured = self._last_measurements()
             self._solution = (
                 epoch,
-                *solve_navigation(self._last_measurements(), index, time, received),
+                *self._solver.solve(measured, index, time, self._received_satellites),
             )
         return self._solution[1:]
 
@@ -505,13 +511,20 @@ class MeasurementEngine:
             self._truth.write("second", receiver=self.configuration.name, **record)
 
 
-def _at_reception(track: VehicleTrack, offset: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return position and velocity at the true times of reception, shape (20, 3)."""
-    late = -offset[:, None]
-    position = track.position_itrf + late * (
-        track.velocity_itrf + 0.5 * late * track.acceleration_itrf
-    )
-    return position, track.velocity_itrf + late * track.acceleration_itrf
+@compiled
+def _at_reception(position, velocity, acceleration, offset):  # type: ignore[no-untyped-def]
+    """Return position and velocity (k, 3) at the true times of reception.
+
+    Those at the time tags are given with the acceleration; at these the clock is ahead by `offset`
+    (k,), s.
+    """
+    moved, faster = np.empty(position.shape), np.empty(position.shape)
+    for k in range(len(offset)):
+        late = -offset[k]
+        for i in range(3):
+            moved[k, i] = position[k, i] + late * (velocity[k, i] + 0.5 * late * acceleration[k, i])
+            faster[k, i] = velocity[k, i] + late * acceleration[k, i]
+    return moved, faster
 
 
 def _stack(terms: Sequence[FloatArray]) -> FloatArray:

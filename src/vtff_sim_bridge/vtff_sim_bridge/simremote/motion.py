@@ -213,6 +213,23 @@ class VehicleMotion:
             raise MotionError(f"no motion command holds at {seconds:.3f} s into the run")
         return self._times[index], self._states[index]
 
+    def commands_between(self, first: int, last: int) -> list[tuple[int, MotionState]]:
+        """Return the commands that hold at some time of a span, and the times from which they do.
+
+        Parameters
+        ----------
+        first, last : int
+            Begin and end of the span, ns into the run.
+
+        Raises
+        ------
+        MotionError
+            If no command holds at its begin.
+        """
+        begin = self.command_at(first)
+        low, high = (bisect.bisect_right(self._times, time) for time in (first, last))
+        return [begin, *zip(self._times[low:high], self._states[low:high], strict=True)]
+
     def forget_before(self, time_nanoseconds: int) -> None:
         """Drop the commands that no time from this one on needs."""
         index = bisect.bisect_right(self._times, time_nanoseconds) - 1
