@@ -42,11 +42,11 @@ class _ObservationColumns:
     glonass_channel: npt.NDArray[np.int8]
     pseudorange: npt.NDArray[np.float64]
     carrier_phase_cycles: npt.NDArray[np.float64]
-    doppler_hz: npt.NDArray[np.float32]
-    cn0_dbhz: npt.NDArray[np.float32]
-    pseudorange_sigma: npt.NDArray[np.float32]
-    carrier_phase_sigma_cycles: npt.NDArray[np.float32]
-    lock_time: npt.NDArray[np.float32]
+    doppler_hz: npt.NDArray[np.floating[Any]]
+    cn0_dbhz: npt.NDArray[np.floating[Any]]
+    pseudorange_sigma: npt.NDArray[np.floating[Any]]
+    carrier_phase_sigma_cycles: npt.NDArray[np.floating[Any]]
+    lock_time: npt.NDArray[np.floating[Any]]
     flags: npt.NDArray[np.uint16]
 
 

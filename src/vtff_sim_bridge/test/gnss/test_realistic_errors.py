@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from vtff_dynamics.frames.geodetic import geodetic_from_itrf
+from vtff_gnss.orbits.line_of_sight import elevation_azimuth, ellipsoid_normal
 from vtff_sim_bridge.gnss.configuration import (
     BiasDriftModel,
     ConstellationConfiguration,
@@ -375,7 +376,10 @@ def test_lever_arm_and_phase_centre_of_a_file_are_in_the_ranges(motions, plain, 
     signals = run.measurements("chief").signals
     plan, seen = signals.plan, signals.line_of_sight
     np.testing.assert_allclose(code - plain[0], phase - plain[1], atol=1e-6)
-    elevation, azimuth = (x[-1][plan.satellite] for x in (seen.elevation, seen.azimuth))
+    zenith = ellipsoid_normal(signals.position_itrf[-1])
+    elevation, azimuth = (
+        angle[plan.satellite] for angle in elevation_azimuth(seen.direction_itrf[-1], zenith)
+    )
     above = 0.5 * np.sin(elevation)
     on_l1 = -0.1 * np.cos(elevation) * np.cos(azimuth) - 0.05 * np.sin(elevation)
     on_l2 = -0.2 * np.cos(elevation) * np.sin(azimuth) + 0.007

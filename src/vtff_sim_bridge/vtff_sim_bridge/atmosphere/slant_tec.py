@@ -159,7 +159,7 @@ class SlantTecIntegrator:
                 "position_receiver_itrf, position_satellite_itrf: positions must be finite and "
                 "receiver and satellite apart"
             )
-        content = self._signed_content(radius, start, perigee_squared, end) * scale
+        content: FloatArray = self._signed_content(radius, start, perigee_squared, end) * scale
         return content.reshape(satellite.shape[:-1]) / ELECTRONS_PER_TECU
 
     def _signed_content(

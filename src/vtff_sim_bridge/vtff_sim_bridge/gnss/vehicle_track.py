@@ -41,6 +41,16 @@ class VehicleTrack:
     boresight_itrf: FloatArray | None = None
     body_axes_itrf: FloatArray | None = None
 
+    def before(self, offset: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return position and velocity, shape (20, 3), earlier by times (20,), s.
+
+        These are those of reception where a clock is ahead by so much.
+        """
+        position, velocity = _move_back(
+            self.position_itrf, self.velocity_itrf, self.acceleration_itrf, offset
+        )
+        return position, velocity
+
 
 def vehicle_track(
     motion: VehicleMotion,
@@ -82,6 +92,18 @@ def vehicle_track(
         )
         vectors[:, :2] += moved
     return VehicleTrack(vectors[:, 0], vectors[:, 1], vectors[:, 2], boresight, axes)
+
+
+@compiled
+def _move_back(position, velocity, acceleration, offset):  # type: ignore[no-untyped-def]
+    """Return what `VehicleTrack.before` does."""
+    moved, faster = np.empty(position.shape), np.empty(position.shape)
+    for k in range(len(offset)):
+        late = -offset[k]
+        for i in range(3):
+            moved[k, i] = position[k, i] + late * (velocity[k, i] + 0.5 * late * acceleration[k, i])
+            faster[k, i] = velocity[k, i] + late * acceleration[k, i]
+    return moved, faster
 
 
 @compiled

@@ -67,7 +67,7 @@ class GaussMarkovField:
         if missing.any():
             for row in rows[missing].tolist():
                 self._go_to_block(row, block)
-        return self._numbers[within]
+        return np.asarray(self._numbers[within])
 
     def _go_to_block(self, row: int, block: int) -> None:
         """Compute the processes of a block from those of the blocks before."""

@@ -116,4 +116,4 @@ class NoiseField:
                 drawn = stream.standard_normal(_BLOCK_EPOCHS)
                 self._numbers[:, row] = drawn.reshape(_BLOCK_SECONDS, EPOCHS_PER_SECOND)
                 self._block[row] = block
-        return self._numbers[within]
+        return np.asarray(self._numbers[within])

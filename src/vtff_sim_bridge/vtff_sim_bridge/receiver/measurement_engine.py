@@ -10,7 +10,6 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from vtff_dynamics.compiled import compiled
 from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_dynamics.vectors import FloatArray
@@ -194,9 +193,7 @@ class MeasurementEngine:
         """Return the signals at all 20 epochs of a second; true only at the `emitted` ones."""
         time = self._start + second
         offset, drift = self._clock.second(second)
-        position, velocity = _at_reception(
-            track.position_itrf, track.velocity_itrf, track.acceleration_itrf, offset
-        )
+        position, velocity = track.before(offset)
         sky, plan = self._refresh_sky(second, position[emitted][0])
         line_of_sight = sky.rays(time, _TAGS - offset, position, velocity)
         elapsed = second + _TAGS
@@ -509,22 +506,6 @@ class MeasurementEngine:
         if self._truth.is_wanted:
             record = second_record(self._last_measurements(), second)
             self._truth.write("second", receiver=self.configuration.name, **record)
-
-
-@compiled
-def _at_reception(position, velocity, acceleration, offset):  # type: ignore[no-untyped-def]
-    """Return position and velocity (k, 3) at the true times of reception.
-
-    Those at the time tags are given with the acceleration; at these the clock is ahead by `offset`
-    (k,), s.
-    """
-    moved, faster = np.empty(position.shape), np.empty(position.shape)
-    for k in range(len(offset)):
-        late = -offset[k]
-        for i in range(3):
-            moved[k, i] = position[k, i] + late * (velocity[k, i] + 0.5 * late * acceleration[k, i])
-            faster[k, i] = velocity[k, i] + late * acceleration[k, i]
-    return moved, faster
 
 
 def _stack(terms: Sequence[FloatArray]) -> FloatArray:

@@ -9,7 +9,6 @@ table of responses.
 from __future__ import annotations
 
 import operator
-from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from decimal import Decimal, InvalidOperation
@@ -34,10 +33,9 @@ from vtff_sim_bridge.receiver.receiver_logs import (
     RangeEncoder,
     ReceiverOutputs,
 )
+from vtff_sim_bridge.receiver.serial_line import DEFAULT_BAUD, SerialLine
 
 MAXIMUM_COMMAND_BYTES = 512
-DEFAULT_BAUD = 9600
-"""Factory setting of the ports."""
 BAUD_RATES = (
     300, 600, 900, 1200, 2400, 4800, 9600, 19200, 38400, 57600,
     115200, 230400, 460800, 921600,
@@ -118,67 +116,6 @@ class _LogRequest:
         return bool(item != last)
 
 
-class _Line:
-    """Serial line: what its baud rate carries in scenario time, and how much is asked of it."""
-
-    def __init__(self, is_limited: bool, buffer_bytes: int) -> None:
-        self.baud = DEFAULT_BAUD
-        self.bits_per_byte = 10
-        self.is_limited = is_limited
-        self.waiting = bytearray()
-        self.dropped_frames = 0
-        self._buffer_bytes = buffer_bytes
-        self._time_nanoseconds: int | None = None
-        self._credit = 0
-        self._recent: deque[tuple[int, int]] = deque()
-
-    def send(self, times: Sequence[GpsTime], frames: Sequence[list[bytes]]) -> list[bytes]:
-        """Take the frames of epochs; return the bytes to put out at each.
-
-        With a limit these are the bytes that the line carried since the epoch before.
-        """
-        contents = [of_one[0] if len(of_one) == 1 else b"".join(of_one) for of_one in frames]
-        self._account(times, contents)
-        if not self.is_limited:
-            return contents
-        return [self._pass_on(*epoch) for epoch in zip(times, frames, strict=True)]
-
-    def _pass_on(self, time: GpsTime, frames: list[bytes]) -> bytes:
-        carried = self._carry(time.nanoseconds)
-        for frame in frames:
-            if len(self.waiting) + len(frame) <= self._buffer_bytes:
-                self.waiting += frame
-            else:
-                self.dropped_frames += 1
-        return carried
-
-    def load_percent(self) -> float:
-        """Return the bits asked for in the last second of scenario time, relative to the rate."""
-        if not self._recent:
-            return 0.0
-        before = self._recent[-1][0] - NANOSECONDS_PER_SECOND
-        recent_bytes = sum(count for time, count in self._recent if time > before)
-        return 100.0 * recent_bytes * self.bits_per_byte / self.baud
-
-    def _carry(self, nanoseconds: int) -> bytes:
-        if self._time_nanoseconds is not None:
-            self._credit += self.baud * (nanoseconds - self._time_nanoseconds)
-        self._time_nanoseconds = nanoseconds
-        per_byte = self.bits_per_byte * NANOSECONDS_PER_SECOND
-        count = min(self._credit // per_byte, len(self.waiting))
-        carried = bytes(self.waiting[:count])
-        del self.waiting[:count]
-        # An idle line saves nothing up.
-        self._credit = self._credit - count * per_byte if self.waiting else 0
-        return carried
-
-    def _account(self, times: Sequence[GpsTime], contents: list[bytes]) -> None:
-        nanoseconds = [time.nanoseconds for time in times]
-        while self._recent and self._recent[0][0] <= nanoseconds[0] - NANOSECONDS_PER_SECOND:
-            self._recent.popleft()
-        self._recent.extend(zip(nanoseconds, map(len, contents), strict=True))
-
-
 class ReceiverFirmware:
     """One port of a receiver: obeys commands and sends the logs that are due.
 
@@ -242,7 +179,7 @@ class ReceiverFirmware:
         )
         self._versions = versions
         self._definitions = {d.name: (order, d) for order, d in enumerate(definitions)}
-        self._line = _Line(limits_baud, transmit_buffer_bytes)
+        self._line = SerialLine(limits_baud, transmit_buffer_bytes)
         self._line.baud = baud
         self._saved: tuple[dict[tuple[str, str, str], _LogRequest], int, int] = ({}, baud, 10)
         self._requests: dict[tuple[str, str, str], _LogRequest] = {}
