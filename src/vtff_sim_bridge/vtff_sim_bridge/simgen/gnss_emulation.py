@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import gc
 import logging
 import select
@@ -13,7 +14,11 @@ import numpy as np
 from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_gnss.novatel.encode.frame import HeaderSettings
-from vtff_sim_bridge.gnss.configuration import GnssConfiguration, ReceiverConfiguration
+from vtff_sim_bridge.gnss.configuration import (
+    ConstellationConfiguration,
+    GnssConfiguration,
+    ReceiverConfiguration,
+)
 from vtff_sim_bridge.gnss.faults import ByteFaults
 from vtff_sim_bridge.gnss.power_levels import PowerLevels
 from vtff_sim_bridge.gnss.propagation import Ionosphere
@@ -32,12 +37,14 @@ from vtff_sim_bridge.receiver.receiver_port import ReceiverPort
 from vtff_sim_bridge.receiver.truth_file import TruthFile
 from vtff_sim_bridge.receiver.truth_records import SatelliteTruth, receiver_record
 from vtff_sim_bridge.simgen.emulator_state import ScenarioMachine
-from vtff_sim_bridge.simremote.motion import VehicleMotion
+from vtff_sim_bridge.simremote.motion import MotionState, VehicleMotion
 from vtff_sim_bridge.simremote.power_command import PowerCommand
 
-__all__ = ["GnssEmulation", "ReceiverSet"]
+__all__ = ["GnssEmulation", "ReceiverSet", "compile_kernels"]
 
 LOGGER = logging.getLogger("simgen_emulator")
+
+_REHEARSED_MOTION = MotionState((6.9e6, 0.0, 0.0), (0.0, 5.2e3, 5.2e3), (-7.5, 0.0, 0.0))
 
 
 class ReceiverSet:
@@ -168,6 +175,39 @@ class ReceiverSet:
         return b"".join(contents)
 
 
+def compile_kernels(configuration: GnssConfiguration) -> None:
+    """Have a receiver measure for a second, so that all that it needs is compiled and loaded.
+
+    The first run after a change takes seconds for it, in which no command could be answered.
+    """
+    receiver = dataclasses.replace(configuration.receivers[0], name="rehearsal")
+    rehearsed = dataclasses.replace(
+        configuration,
+        constellation=ConstellationConfiguration(),
+        receivers=(receiver,),
+        faults=(),
+        regions=(),
+        structures=(),
+    )
+    firmware = ReceiverFirmware()
+    firmware.receive(b"LOG RANGEB ONTIME 0.05\rLOG BESTXYZB ONTIME 1\rLOG TIMEB ONTIME 1\r")
+    state = _REHEARSED_MOTION
+    motion = VehicleMotion()
+    motion.command(0, state)
+    receivers = ReceiverSet(
+        rehearsed,
+        {receiver.name: firmware},
+        GpsTime(0),
+        GpsTime(NANOSECONDS_PER_SECOND),
+        np.concatenate((state.position_itrf, state.velocity_itrf)),
+        TruthFile(),
+    )
+    for second in (0, 1):
+        receivers.advance(
+            second * NANOSECONDS_PER_SECOND, lambda vehicle: motion, lambda name, content: None
+        )
+
+
 class GnssEmulation:
     """Receivers of a `ScenarioMachine` with their ports; an observer of its time.
 
@@ -217,6 +257,7 @@ class GnssEmulation:
                 )
             if link_directory is None and receiver.tcp_port is None:
                 raise ValueError(f"receiver {receiver.name}: neither link directory nor tcp_port")
+        compile_kernels(configuration)
         self._machine = machine
         self._configuration = configuration
         self._links = None if link_directory is None else Path(link_directory)
