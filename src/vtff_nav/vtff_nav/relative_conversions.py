@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import array
-from collections.abc import Mapping
+import math
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
 from vtff_dynamics.time.timescales import GpsTime
@@ -45,24 +46,24 @@ def relative_state_to_message(solution: RelativeSolution, chief: str, deputy: st
 def ambiguities_to_message(solution: RelativeSolution, chief: str, deputy: str) -> AmbiguityStatus:
     """Return the message of the ambiguities of a solution."""
     table = solution.ambiguities
+    # Many integers were fixed at one epoch, whose time is one object.
+    times = {id(time): time for time in table.fixed_since}
+    seconds = {name: _unix_seconds(time) for name, time in times.items()}
     message = AmbiguityStatus(
-        ratio=solution.ratio, success_rate=solution.success_rate, child_frame_id=deputy
+        ratio=solution.ratio,
+        success_rate=solution.success_rate,
+        child_frame_id=deputy,
+        system=_content(table.system, np.uint8),
+        prn=_content(table.prn, np.uint8),
+        band=_content(table.band, np.uint8),
+        attribute=_content(table.attribute, np.uint8),
+        reference_prn=_content(table.reference_prn, np.uint8),
+        ambiguity_cycles=_content(table.ambiguity_cycles, np.float64),
+        ambiguity_sigma_cycles=_content(table.ambiguity_sigma_cycles, np.float32),
+        state=_content(table.state, np.uint8),
+        fixed_since=[seconds[id(time)] for time in table.fixed_since],
     )
     _set_header(message, solution, chief)
-    _set_columns(
-        message,
-        {
-            "system": (table.system, np.uint8),
-            "prn": (table.prn, np.uint8),
-            "band": (table.band, np.uint8),
-            "attribute": (table.attribute, np.uint8),
-            "reference_prn": (table.reference_prn, np.uint8),
-            "ambiguity_cycles": (table.ambiguity_cycles, np.float64),
-            "ambiguity_sigma_cycles": (table.ambiguity_sigma_cycles, np.float32),
-            "state": (table.state, np.uint8),
-            "fixed_since": ([_unix_seconds(time) for time in table.fixed_since], np.float64),
-        },
-    )
     return message
 
 
@@ -72,28 +73,26 @@ def differential_tec_to_message(solution: RelativeSolution, chief: str, deputy: 
     Columns without a value for a difference (TEC from code, vertical TEC, pierce points) are NaN.
     """
     table = solution.differential_tec
-    not_a_number = np.full(len(table), np.nan)
-    message = SlantTec(child_frame_id=deputy)
-    _set_header(message, solution, chief)
-    _set_columns(
-        message,
-        {
-            "system": (table.system, np.uint8),
-            "prn": (table.prn, np.uint8),
-            "band_first": (table.band_first, np.uint8),
-            "band_second": (table.band_second, np.uint8),
-            "stec_tecu": (table.stec_tecu, np.float64),
-            "stec_sigma_tecu": (table.stec_sigma_tecu, np.float32),
-            "stec_code_tecu": (not_a_number, np.float64),
-            "vtec_tecu": (not_a_number, np.float32),
-            "elevation": (table.elevation, np.float32),
-            "azimuth": (table.azimuth, np.float32),
-            "pierce_latitude_deg": (not_a_number, np.float32),
-            "pierce_longitude_deg": (not_a_number, np.float32),
-            "arc": (table.arc, np.uint32),
-            "rejected": (np.zeros(len(table)), np.uint16),
-        },
+    count = len(table)
+    unknown = array.array("f", (math.nan,)) * count
+    message = SlantTec(
+        child_frame_id=deputy,
+        system=_content(table.system, np.uint8),
+        prn=_content(table.prn, np.uint8),
+        band_first=_content(table.band_first, np.uint8),
+        band_second=_content(table.band_second, np.uint8),
+        stec_tecu=_content(table.stec_tecu, np.float64),
+        stec_sigma_tecu=_content(table.stec_sigma_tecu, np.float32),
+        stec_code_tecu=array.array("d", (math.nan,)) * count,
+        vtec_tecu=unknown,
+        elevation=_content(table.elevation, np.float32),
+        azimuth=_content(table.azimuth, np.float32),
+        pierce_latitude_deg=unknown,
+        pierce_longitude_deg=unknown,
+        arc=_content(table.arc, np.uint32),
+        rejected=array.array("H", (0,)) * count,
     )
+    _set_header(message, solution, chief)
     return message
 
 
@@ -113,10 +112,9 @@ def _set_header(message: Any, solution: RelativeSolution, chief: str) -> None:
     message.header.frame_id = f"{chief}/rtn"
 
 
-def _set_columns(message: Any, columns: Mapping[str, tuple[Any, type[np.generic]]]) -> None:
-    for name, (values, kind) in columns.items():
-        column = np.asarray(values).astype(kind)
-        setattr(message, name, array.array(column.dtype.char, column.tobytes()))
+def _content(values: npt.ArrayLike, kind: type[np.generic]) -> bytes:
+    """Return a column as bytes, of which a message makes an array of its own."""
+    return np.asarray(values, dtype=kind).tobytes()
 
 
 def _unix_seconds(time: GpsTime | None) -> float:

@@ -99,6 +99,11 @@ class ArcColumns:
     pairs: npt.NDArray[np.int64]
 
     @functools.cached_property
+    def has_integers_only(self) -> bool:
+        """Whether every arc has an integer."""
+        return bool(self.has_integer.all())
+
+    @functools.cached_property
     def integer_cycles(self) -> FloatArray:
         """Offset and integer of each phase, cycles; NaN without an integer."""
         return np.where(self.has_integer, self.cycles, np.nan)

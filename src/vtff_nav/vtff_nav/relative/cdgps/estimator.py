@@ -366,8 +366,9 @@ class CdgpsEstimator(EstimatorInputs):
         rows = seen.columns(measured.satellite)
         mask = math.radians(self.configuration.elevation_mask_deg)
         elevation = seen.elevation[0, rows]
-        is_above = np.flatnonzero(elevation > mask)
-        measured = measured.select(is_above)
+        is_above = elevation > mask
+        if not is_above.all():
+            measured = measured.select(np.flatnonzero(is_above))
         if not len(measured):
             degraded.append("no satellite in common view")
             return self._solution(time, None, degraded, None)

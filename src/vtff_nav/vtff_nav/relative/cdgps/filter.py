@@ -9,7 +9,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import gammaincc
 
 from vtff_dynamics.constants import SPEED_OF_LIGHT
 from vtff_dynamics.time.timescales import GpsTime
@@ -29,14 +28,13 @@ from vtff_nav.relative.cdgps.model import (
     Sky,
     code_biases,
     measurement_innovation,
-    phase_plasma,
     phase_waves,
 )
 from vtff_nav.relative.cdgps.orbit_filter import CHIEF_KINDS, CHIEF_MOTION, RELATIVE_MOTION
 from vtff_nav.relative.cdgps.phase_jumps import PhaseChanges, PhaseJumpDetector
 from vtff_nav.relative.cdgps.phase_scatter import PhaseScatter, SlipRate, epochs_to_average
 from vtff_nav.relative.cdgps.state import GaussianState, Innovation, Label
-from vtff_nav.relative.common.columns import with_columns
+from vtff_nav.relative.common.columns import make_table, with_columns
 from vtff_nav.relative.common.dynamics import DYNAMIC_STATES, MotionNoise, Prediction
 from vtff_nav.relative.common.measurements import SignalTable, SingleDifferences, upper_median
 from vtff_nav.relative.common.solution import (
@@ -152,8 +150,7 @@ class Update:
         if innovation.degrees_of_freedom <= 0:
             return 0.0, 0.0, 0
         normalised = innovation.normalised
-        count = np.count_nonzero(innovation.is_used)
-        rms = math.sqrt(float(normalised @ normalised) / count)
+        rms = math.sqrt(float(normalised @ normalised) / innovation.used_count)
         return rms, innovation.squared_norm, innovation.degrees_of_freedom
 
 
@@ -171,6 +168,8 @@ class _MemberColumns:
         Members that motion changes: its own, and the contents.
     walking : ndarray of int64
         Biases that walk.
+    has_waves, has_chief : bool
+        Whether waves of the plasma, and the orbit of the chief, are members.
     """
 
     state: GaussianState
@@ -179,6 +178,8 @@ class _MemberColumns:
     gradients: npt.NDArray[np.int64]
     changed: npt.NDArray[np.int64]
     walking: npt.NDArray[np.int64]
+    has_waves: bool
+    has_chief: bool
 
 
 class RelativeFilter:
@@ -250,6 +251,7 @@ class RelativeFilter:
                 self.state.add(label, 0.0, variance)
         self._attitude_variances: dict[Label, float] = {}
         self._known_columns: _MemberColumns | None = None
+        self._known_decay: tuple[tuple[object, ...], tuple[FloatArray, ...]] | None = None
 
     def expect_accelerations(self, noise: MotionNoise) -> None:
         """Have unmodelled accelerations with another a priori noise."""
@@ -372,15 +374,30 @@ class RelativeFilter:
             gradients=np.array([c for c in shells if c not in contents], dtype=np.int64),
             changed=np.concatenate((np.arange(DYNAMIC_STATES), contents)),
             walking=state.column_numbers("code_bias", "phase_bias"),
+            has_waves=bool(state.columns("plasma_wave")),
+            has_chief=CHIEF_MOTION[0] in state,
         )
         return self._known_columns
 
-    def _decay(self, interval: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def _decay(self, interval: float) -> tuple[FloatArray, ...]:
         """Return decay, steady variance and growth of all members over an interval, s.
 
-        See `GaussianState.predict_gauss_markov`.
+        See `GaussianState.predict_gauss_markov`. They are the same objects while nothing that they
+        depend on has changed.
         """
         state, configuration, members = self.state, self.configuration, self._member_columns()
+        key = (
+            members,
+            interval,
+            self._slow_phase,
+            self._satellite_offset,
+            self._gradient_sigma,
+            self._waves.sigma_tecu(norm(state.mean[:3])) if members.has_waves else None,
+            self._ground_rate_deg if members.has_chief else None,
+            tuple(self._attitude_variances.values()),
+        )
+        if self._known_decay is not None and self._known_decay[0] == key:
+            return self._known_decay[1]
         decay, steady, growth = np.ones(len(state)), np.zeros(len(state)), np.zeros(len(state))
         processes = [
             (state.column_numbers(kind), process)
@@ -402,6 +419,7 @@ class RelativeFilter:
         if len(members.contents):
             power = 2.0 * self._plasma_sigma(state.labels[members.contents.item(0)]) ** 2
             growth[members.contents] = power / configuration.electron_density_time * interval
+        self._known_decay = key, (decay, steady, growth)
         return decay, steady, growth
 
     def _process_of_kind(self) -> dict[str, SlowError]:
@@ -610,7 +628,8 @@ class RelativeFilter:
         variance = measured.phase_variance
         if self.scatter.has_excess:
             variance = variance + self.scatter.variances(measured)
-        return PhaseChanges(
+        return make_table(
+            PhaseChanges,
             keys=measured.keys,
             residual=measured.phase - sky.predicted,
             variance=variance,
@@ -732,7 +751,7 @@ class RelativeFilter:
         used = innovation.is_used
         labels = self.state.labels_of(*PLASMA_KINDS)
         sigmas = [self._plasma_sigma(label) for label in labels]
-        plasma = phase_plasma(received, sky)[:, : len(labels)] * np.array(sigmas)
+        plasma = -sky.plasma_delay[:, : len(labels)] * np.array(sigmas)
         satellites = [satellite for _, satellite in self.state.labels_of("plasma_wave")]
         if satellites:
             waves = self._waves.sigma_tecu(norm(self.state.mean[:3]))
@@ -933,6 +952,8 @@ class RelativeFilter:
         count = len(measured)
         slips_in_scatter = 0
         for _ in range(_DETECTION_PASSES):
+            if result.innovation.are_all_used:
+                break
             is_used = result.innovation.is_used
             slipped = np.flatnonzero(~is_used[count : 2 * count]).tolist()
             for row in slipped:
@@ -951,6 +972,8 @@ class RelativeFilter:
             shows_slip = innovation.leave_one_out[1][phases] < 2.0 * innovation.noise[phases]
             visible = int(np.count_nonzero(is_scattered & shows_slip)) + slips_in_scatter
             self._slips.count(slips_in_scatter, visible, interval)
+        if innovation.are_all_used:
+            return innovation
         for row in np.flatnonzero(~innovation.is_used[:count]).tolist():
             excluded.setdefault(measured.keys[row], "code outlier")
         if not innovation.is_used[2 * count :].all():
@@ -1022,11 +1045,7 @@ class RelativeFilter:
 
     def _is_unlikely(self, innovation: Innovation) -> bool:
         """Return whether the innovations of an epoch are too large as a whole."""
-        freedom = innovation.degrees_of_freedom
-        if freedom <= 0:
-            return False
-        probability = float(gammaincc(0.5 * freedom, 0.5 * max(innovation.squared_norm, 0.0)))
-        return probability < self.configuration.global_probability
+        return innovation.probability < self.configuration.global_probability
 
     def _fix(
         self,
@@ -1040,6 +1059,8 @@ class RelativeFilter:
         count = len(measured)
         is_used = innovation.is_used[count : 2 * count]
         arcs = self.arcs.columns(measured.keys, state)
+        if arcs.has_integers_only:
+            return set()
         may_be_fixed = is_used & measured.is_parity_known & ~arcs.has_integer
         candidates = [
             arcs.arcs[row]

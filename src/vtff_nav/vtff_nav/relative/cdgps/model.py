@@ -19,6 +19,7 @@ from vtff_nav.relative.cdgps.configuration import CdgpsConfiguration
 from vtff_nav.relative.cdgps.orbit_filter import CHIEF_MOTION
 from vtff_nav.relative.cdgps.state import GaussianState, Innovation
 from vtff_nav.relative.common.antenna_correction import Attitudes
+from vtff_nav.relative.common.columns import make_table
 from vtff_nav.relative.common.measurements import Geometry, SingleDifferences
 from vtff_nav.relative.common.orbit_single_point import troposphere_delay, troposphere_mapping
 from vtff_nav.relative.common.solution import LaserMeasurement
@@ -31,12 +32,11 @@ __all__ = [
     "code_biases",
     "measurement_innovation",
     "make_sky",
-    "phase_plasma",
     "phase_waves",
 ]
 
 PLASMA_KINDS = ("plasma", "plasma_shell")
-"""Kinds of the members of the plasma, in the order of the columns of `Sky.plasma`."""
+"""Kinds of the members of the plasma, in the order of the columns of `Sky.plasma_delay`."""
 
 _NO_COLUMNS = np.zeros(0, dtype=np.int64)
 _NO_DERIVATIVES = np.zeros((0, 0))
@@ -56,9 +56,9 @@ class Sky:
     clock_rate : ndarray
         Derivative of the single difference by the receiver clock of the deputy (m by m). It is not
         1 because the time of reception, and so the range, depends on the clock.
-    plasma : ndarray, shape (n, layers + 3 shells)
-        Differential slant content, TECU, of each layer for a density of `DENSITY_UNIT`, and of
-        each shell for 1 TECU and for gradients of 1 TECU/deg to north and to east.
+    plasma_delay : ndarray, shape (n, layers + 3 shells)
+        Delay of the code, m, by each layer for a density of `DENSITY_UNIT`, and by each shell for
+        1 TECU and for gradients of 1 TECU/deg to north and to east. Phases are advanced by it.
     shell_ratio : float
         Radius of the chief over that of the middle of the shells.
     elevation, azimuth : ndarray
@@ -77,7 +77,7 @@ class Sky:
     direction: FloatArray
     direction_chief: FloatArray
     clock_rate: FloatArray
-    plasma: FloatArray
+    plasma_delay: FloatArray
     shell_ratio: float
     elevation: FloatArray
     azimuth: FloatArray
@@ -128,7 +128,7 @@ def make_sky(
     rise = height_deputy - height_chief
     columns = geometry.columns(measured.satellite)
     radius, heights = norm(positions_itrf[0]), configuration.plasma_shell_heights
-    predicted, direction, direction_chief, range_rate, ray_turn, plasma, elevation = sky_columns(
+    predicted, direction, direction_chief, range_rate, ray_turn, delay, elevation = sky_columns(
         columns,
         geometry.range,
         geometry.clock,
@@ -138,8 +138,9 @@ def make_sky(
         positions,
         radius,
         rise,
-        np.array(configuration.plasma_layers),
-        np.array(heights, dtype=float),
+        _column(configuration.plasma_layers),
+        _column(heights),
+        measured.frequency_hz,
     )
     troposphere = np.zeros(len(measured))
     if configuration.has_troposphere:
@@ -155,12 +156,13 @@ def make_sky(
     if antennas is not None and rotations_body is not None:
         antenna_offset = antennas.offset_columns(direction, rotations_body)
         antenna_turn = antennas.attitude_columns(direction, rotations_body, attitudes)
-    return Sky(
+    return make_table(
+        Sky,
         predicted=predicted,
         direction=direction,
         direction_chief=direction_chief,
         clock_rate=1.0 - range_rate / SPEED_OF_LIGHT,
-        plasma=plasma,
+        plasma_delay=delay,
         shell_ratio=radius / (radius + sum(heights) / max(len(heights), 1)),
         elevation=elevation[0],
         azimuth=geometry.azimuth[0, columns],
@@ -169,6 +171,12 @@ def make_sky(
         ray_turn=ray_turn,
         troposphere=troposphere,
     )
+
+
+@functools.lru_cache(maxsize=16)
+def _column(values: tuple[float, ...]) -> FloatArray:
+    """Return numbers as an array, which is not written to."""
+    return np.array(values, dtype=float)
 
 
 def code_biases(state: GaussianState, measured: SingleDifferences) -> FloatArray:
@@ -202,7 +210,7 @@ def measurement_innovation(
     columns = arcs.columns(measured.keys, state)
     has_plasma = ("plasma", 0) in state
     plasma_columns = state.column_numbers(*PLASMA_KINDS) if has_plasma else _NO_COLUMNS
-    plasma_delay = -phase_plasma(measured, sky) if has_plasma else _NO_DERIVATIVES
+    plasma_delay = sky.plasma_delay if has_plasma else _NO_DERIVATIVES
     all_waves = state.column_numbers("plasma_wave") if has_plasma else _NO_COLUMNS
     antenna_columns, derivatives, totals = _antenna_errors(state, sky)
     design, values, variances, nuisance = model_differences(
@@ -264,11 +272,6 @@ def _antenna_errors(
         np.concatenate([derivatives for _, derivatives in members], axis=1),
         totals,
     )
-
-
-def phase_plasma(measured: SingleDifferences, sky: Sky) -> FloatArray:
-    """Return the derivatives of phases by the members of the plasma, m, shape (n, members)."""
-    return np.asarray(-_delay_of_tecu(measured)[:, None] * sky.plasma)
 
 
 def phase_waves(

@@ -38,7 +38,7 @@ from vtff_nav.relative.common.orbit_single_point import (
     solve_single_point,
     troposphere_delay,
 )
-from vtff_nav.relative.kernels.combinations import combine_receivers
+from vtff_nav.relative.kernels.combinations import mean_of_combinations
 from vtff_nav.relative.kernels.differences import find_worst_measurement
 from vtff_nav.relative.kernels.orbit import (
     find_carrier_breaks,
@@ -155,6 +155,7 @@ class AbsoluteFilter:
         self._seen_half_cycles = np.zeros(0, dtype=np.int64)
         self._seen_lock_times = np.zeros((0, 2))
         self._columns: tuple[bytes, bytes, GaussianState, int, _CarrierColumns] | None = None
+        self._motion: tuple[GaussianState, int, slice] | None = None
         self._failures = self._updates = 0
         self._range_sigma = self._configuration.ephemeris_sigma
         # Whether range errors are biases of codes alone.
@@ -192,9 +193,12 @@ class AbsoluteFilter:
     @property
     def motion(self) -> slice:
         """Columns of position, velocity and empirical acceleration."""
-        assert self.state is not None
-        first = self.state.index(CHIEF_MOTION[0])
-        return slice(first, first + DYNAMIC_STATES)
+        state, known = self.state, self._motion
+        assert state is not None
+        if known is None or known[0] is not state or known[1] != state.revision:
+            first = state.index(CHIEF_MOTION[0])
+            known = self._motion = state, state.revision, slice(first, first + DYNAMIC_STATES)
+        return known[2]
 
     def part_from_relative(self) -> None:
         """Have a state of its own again, that of the chief out of one that holds others too."""
@@ -380,8 +384,9 @@ class AbsoluteFilter:
         for _ in range(_DETECTION_PASSES):
             innovation = self._innovation(measured, rows, shares, seen, predicted)
             self._leave_out_faults(innovation)
-            first_phase = len(innovation.values) - len(measured)
-            slipped = np.flatnonzero(~innovation.is_used[first_phase:]).tolist()
+            first_phase, slipped = len(innovation.values) - len(measured), []
+            if not innovation.are_all_used:
+                slipped = np.flatnonzero(~innovation.is_used[first_phase:]).tolist()
             if covariance_before is not None and 4 * len(slipped) > len(measured):
                 # Motion explains them no better: phases of most satellites scintillate.
                 state.covariance, covariance_before = covariance_before, None
@@ -675,51 +680,52 @@ def mean_of_receivers(
     ndarray, shape (2, n)
         Shares of the deputy in the codes and phases of n satellites.
     """
-    shares = np.zeros((2, len(chief)))
-    of_chief, of_deputy = _pair_satellites(chief.satellite.tobytes(), deputy.satellite.tobytes())
-    is_dual = (chief.second_band[of_chief] > 0) & (
-        chief.second_band[of_chief] == deputy.second_band[of_deputy]
+    of_chief, of_deputy = _pair_satellites(
+        chief.satellite.tobytes(),
+        chief.second_band.tobytes(),
+        deputy.satellite.tobytes(),
+        deputy.second_band.tobytes(),
     )
-    of_chief, of_deputy = of_chief[is_dual], of_deputy[is_dual]
     if not len(of_chief):
-        return chief, shares
-    columns = seen.columns(chief.satellite[of_chief])
-    predicted = (seen.range - seen.clock).take(columns, axis=1)
-    code, code_sigma = chief.code.copy(), chief.code_sigma.copy()
-    code[of_chief], code_sigma[of_chief], shares[0, of_chief] = combine_receivers(
-        chief.code[of_chief],
-        chief.code_sigma[of_chief],
-        deputy.code[of_deputy],
-        deputy.code_sigma[of_deputy],
-        predicted,
-        math.inf,
-    )
-    mean = with_columns(chief, code=code, code_sigma=code_sigma)
-    phase_deputy = deputy.phase[of_deputy]
-    phase_deputy[chief.is_lock_lost[of_chief]] = math.nan
-    if not np.isfinite(phase_deputy).any():
-        return mean, shares
-    phase, phase_sigma = chief.phase.copy(), chief.phase_sigma.copy()
-    phase[of_chief], phase_sigma[of_chief], shares[1, of_chief] = combine_receivers(
-        chief.phase[of_chief],
-        chief.phase_sigma[of_chief],
-        phase_deputy,
-        deputy.phase_sigma[of_deputy],
-        predicted,
+        return chief, np.zeros((2, len(chief)))
+    numbers, shares = mean_of_combinations(
+        of_chief,
+        of_deputy,
+        seen.columns(chief.satellite),
+        seen.range,
+        seen.clock,
+        chief.is_lock_lost,
+        chief.code,
+        chief.code_sigma,
+        chief.phase,
+        chief.phase_sigma,
+        deputy.code,
+        deputy.code_sigma,
+        deputy.phase,
+        deputy.phase_sigma,
         _LARGEST_DIFFERENCE,
     )
-    return with_columns(mean, phase=phase, phase_sigma=phase_sigma), shares
+    code, code_sigma, phase, phase_sigma = numbers
+    mean = with_columns(
+        chief, code=code, code_sigma=code_sigma, phase=phase, phase_sigma=phase_sigma
+    )
+    return mean, shares
 
 
 @functools.lru_cache(maxsize=16)
 def _pair_satellites(
-    chief: bytes, deputy: bytes
+    chief: bytes, bands_chief: bytes, deputy: bytes, bands_deputy: bytes
 ) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
-    """Return the rows of the satellites in both of two columns, which stay so for minutes."""
+    """Return the rows of the satellites with the same two carriers at both receivers.
+
+    The columns are those of satellites and second bands, which stay the same for minutes.
+    """
     _, of_chief, of_deputy = np.intersect1d(
         np.frombuffer(chief, dtype=np.int64),
         np.frombuffer(deputy, dtype=np.int64),
         assume_unique=True,
         return_indices=True,
     )
-    return of_chief, of_deputy
+    band = np.frombuffer(bands_chief, dtype=np.int64)[of_chief]
+    is_dual = (band > 0) & (band == np.frombuffer(bands_deputy, dtype=np.int64)[of_deputy])
+    return of_chief[is_dual], of_deputy[is_dual]

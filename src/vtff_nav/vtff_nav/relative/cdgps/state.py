@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 from scipy.linalg import lapack
+from scipy.special import gammaincc
 
 from vtff_dynamics.vectors import FloatArray
 from vtff_nav.relative.kernels.differences import leave_one_out
@@ -65,6 +66,11 @@ class Innovation:
     is_used: npt.NDArray[np.bool_]
     _leave_one_out: tuple[FloatArray, FloatArray] | None = field(default=None, init=False)
     _squared_norm: float | None = field(default=None, init=False)
+    _probability: float | None = field(default=None, init=False)
+
+    def __post_init__(self) -> None:
+        """Count the measurements that are used."""
+        self.used_count = int(np.count_nonzero(self.is_used))
 
     @property
     def normalised(self) -> FloatArray:
@@ -93,7 +99,7 @@ class Innovation:
 
     def add_noise(self, index: int, variance: float) -> None:
         """Add a variance to the noise of a measurement."""
-        self._leave_one_out = self._squared_norm = None
+        self._leave_one_out = self._squared_norm = self._probability = None
         column = self.weight[:, index].copy()
         self.weight -= np.outer(column, column / (1.0 / variance + column[index]))
         self.noise[index] += variance
@@ -101,11 +107,12 @@ class Innovation:
 
     def leave_out(self, index: int) -> None:
         """Leave a measurement out, as if it had not been made."""
-        self._leave_one_out = self._squared_norm = None
+        self._leave_one_out = self._squared_norm = self._probability = None
         column = self.weight[:, index].copy()
         self.weight -= np.outer(column, column / column[index])
         self.weight[index, :] = 0.0
         self.weight[:, index] = 0.0
+        self.used_count -= int(self.is_used[index])
         self.is_used[index] = False
 
     @property
@@ -116,9 +123,24 @@ class Innovation:
         return self._squared_norm
 
     @property
+    def are_all_used(self) -> bool:
+        """Whether no measurement was left out."""
+        return self.used_count == len(self.values)
+
+    @property
     def degrees_of_freedom(self) -> int:
         """Number of measurements used less that of nuisance parameters."""
-        return int(np.count_nonzero(self.is_used)) - len(self.nuisance_gain)
+        return self.used_count - len(self.nuisance_gain)
+
+    @property
+    def probability(self) -> float:
+        """Probability of an innovation that is as large as a whole or larger; 1 if undecidable."""
+        freedom = self.degrees_of_freedom
+        if freedom <= 0:
+            return 1.0
+        if self._probability is None:
+            self._probability = float(gammaincc(0.5 * freedom, 0.5 * max(self.squared_norm, 0.0)))
+        return self._probability
 
 
 class GaussianState:

@@ -24,7 +24,7 @@ from vtff_gnss.signals import (
     signal_from_number,
     signal_number,
 )
-from vtff_nav.relative.common.columns import with_columns
+from vtff_nav.relative.common.columns import make_table, with_columns
 from vtff_nav.relative.common.signal_set import SignalSet
 from vtff_nav.relative.kernels.combinations import difference_receivers, read_signals
 from vtff_nav.relative.kernels.motion import positions_at_reception
@@ -240,7 +240,8 @@ class SignalReader:
             names: _Layout = layout
         else:
             names = layout.select(rows)
-        return SignalTable(
+        return make_table(
+            SignalTable,
             signal=names.signal,
             satellite=names.satellite,
             system=names.system,
@@ -385,7 +386,8 @@ def form_single_differences(chief: SignalTable, deputy: SignalTable) -> SingleDi
         deputy.flags,
         deputy.lock_time,
     )
-    return SingleDifferences(
+    return make_table(
+        SingleDifferences,
         keys=pairs.keys,
         satellite=pairs.satellite,
         wavelength=pairs.wavelength,
@@ -527,7 +529,8 @@ def compute_geometry(
     """
     position = positions_at_reception(states_itrf, offsets)
     sight = lines_of_sight(table, time, offsets, position, states_itrf[:, 3:])
-    return Geometry(
+    return make_table(
+        Geometry,
         satellite=satellite_numbers(table),
         range=sight.range,
         range_rate=sight.range_rate,

@@ -15,6 +15,7 @@ from vtff_dynamics.time.timescales import GpsTime
 from vtff_dynamics.vectors import FloatArray
 from vtff_gnss.orbits.satellite_table import SatelliteTable
 from vtff_gnss.signals import satellite_number, satellite_number_of_signal, signal_from_number
+from vtff_nav.relative.common.columns import make_table
 from vtff_nav.relative.common.measurements import (
     SignalTable,
     code_group_delay,
@@ -109,7 +110,8 @@ def form_combinations(signals: SignalTable, table: SatelliteTable) -> Combinatio
     table : SatelliteTable
         All satellites of `signals` must be in it; their group delays are taken off the codes.
     """
-    carriers = _first_carriers(signals.signal.tobytes(), signals.frequency_hz.tobytes())
+    names = signals.signal.tobytes()
+    carriers = _first_carriers(names, signals.frequency_hz.tobytes())
     first, second = carriers.first, carriers.second
     numbers, is_lost, half_cycles, lock_time = combine_carriers(
         first,
@@ -118,7 +120,7 @@ def form_combinations(signals: SignalTable, table: SatelliteTable) -> Combinatio
         carriers.factor_first,
         carriers.factor_second,
         signals.pseudorange,
-        _code_delays(table, signals.signal.tobytes()),
+        _code_delays(table, names),
         signals.carrier_range,
         signals.code_sigma,
         signals.phase_sigma,
@@ -126,10 +128,11 @@ def form_combinations(signals: SignalTable, table: SatelliteTable) -> Combinatio
         signals.flags,
         signals.lock_time,
     )
-    return Combinations(
+    return make_table(
+        Combinations,
         satellite=carriers.satellite,
-        system=signals.system[first],
-        second_band=np.where(carriers.is_dual, signals.band[second], 0),
+        system=carriers.system,
+        second_band=carriers.second_band,
         code=numbers[0],
         phase=numbers[1],
         code_sigma=numbers[2],
@@ -145,10 +148,13 @@ def form_combinations(signals: SignalTable, table: SatelliteTable) -> Combinatio
 class _Carriers:
     """Rows of the first two carriers of each of n satellites, and the combination's factors.
 
-    `second` is `first` and `factor_second` 0 where a satellite has one carrier.
+    `system` and `second_band` are columns of `Combinations`. `second` is `first` and
+    `factor_second` 0 where a satellite has one carrier.
     """
 
     satellite: npt.NDArray[np.int64]
+    system: npt.NDArray[np.int64]
+    second_band: npt.NDArray[np.int64]
     first: npt.NDArray[np.intp]
     second: npt.NDArray[np.intp]
     is_dual: npt.NDArray[np.bool_]
@@ -169,8 +175,14 @@ def _first_carriers(signal_bytes: bytes, frequency_bytes: bytes) -> _Carriers:
     f1_squared, f2_squared = frequency_hz[first] ** 2, frequency_hz[second] ** 2
     is_dual = f1_squared != f2_squared
     difference = np.where(is_dual, f1_squared - f2_squared, 1.0)
+    signals = [signal_from_number(n) for n in np.frombuffer(signal_bytes, dtype=np.int64).tolist()]
+    system, band = (
+        np.array([getattr(s, name) for s in signals], dtype=np.int64) for name in ("system", "band")
+    )
     return _Carriers(
         satellite=satellite[first],
+        system=system[first],
+        second_band=np.where(is_dual, band[second], 0),
         first=first,
         second=second,
         is_dual=is_dual,

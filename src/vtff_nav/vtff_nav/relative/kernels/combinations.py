@@ -23,6 +23,7 @@ __all__ = [
     "combine_carriers",
     "combine_receivers",
     "difference_receivers",
+    "mean_of_combinations",
     "read_signals",
 ]
 
@@ -291,3 +292,75 @@ def clock_from_codes(columns, pseudorange, ranges, clocks, receiver):  # type: i
         column = columns[n]
         residual[n] = pseudorange[n] - ranges[receiver, column] + clocks[receiver, column]
     return np.sort(residual)[len(residual) // 2]
+
+
+@compiled
+def mean_of_combinations(  # type: ignore[no-untyped-def]
+    of_chief,
+    of_deputy,
+    columns,
+    ranges,
+    clocks,
+    is_lock_lost,
+    code,
+    code_sigma,
+    phase,
+    phase_sigma,
+    code_deputy,
+    code_sigma_deputy,
+    phase_deputy,
+    phase_sigma_deputy,
+    largest_difference,
+):
+    """Return codes and phases of the chief with those of the deputy; see `mean_of_receivers`.
+
+    Parameters
+    ----------
+    of_chief, of_deputy : ndarray of int, shape (k,)
+        Rows of the satellites with the same carriers at both.
+    columns : ndarray of int, shape (n,)
+        Satellites of the chief in the columns of the next two.
+    ranges, clocks : ndarray, shape (2, m)
+        See `Geometry`.
+    is_lock_lost, code, ..., phase_sigma_deputy : ndarray
+        Columns of `Combinations` of chief and deputy.
+    largest_difference : float
+        Sigmas by which phases of the deputy may differ; codes may differ by any number.
+
+    Returns
+    -------
+    numbers : ndarray, shape (4, n)
+        Codes, their sigmas, phases and their sigmas, m.
+    shares : ndarray, shape (2, n)
+        Weights of the deputy in codes and phases.
+    """
+    count, pairs = len(code), len(of_chief)
+    numbers, shares = np.empty((4, count)), np.zeros((2, count))
+    for n in range(count):
+        numbers[0, n], numbers[1, n] = code[n], code_sigma[n]
+        numbers[2, n], numbers[3, n] = phase[n], phase_sigma[n]
+    predicted = np.empty((2, pairs))
+    values, sigmas = np.empty(pairs), np.empty(pairs)
+    values_deputy, sigmas_deputy = np.empty(pairs), np.empty(pairs)
+    for kind in range(2):
+        for k in range(pairs):
+            a, b = of_chief[k], of_deputy[k]
+            for receiver in range(2):
+                column = columns[a]
+                predicted[receiver, k] = ranges[receiver, column] - clocks[receiver, column]
+            values[k], sigmas[k] = numbers[2 * kind, a], numbers[2 * kind + 1, a]
+            if kind == 0:
+                values_deputy[k], sigmas_deputy[k] = code_deputy[b], code_sigma_deputy[b]
+            else:
+                values_deputy[k], sigmas_deputy[k] = phase_deputy[b], phase_sigma_deputy[b]
+                if is_lock_lost[a]:
+                    values_deputy[k] = math.nan
+        limit = math.inf if kind == 0 else largest_difference
+        mean, sigma, weight = combine_receivers(
+            values, sigmas, values_deputy, sigmas_deputy, predicted, limit
+        )
+        for k in range(pairs):
+            a = of_chief[k]
+            numbers[2 * kind, a], numbers[2 * kind + 1, a] = mean[k], sigma[k]
+            shares[kind, a] = weight[k]
+    return numbers, shares

@@ -10,7 +10,7 @@ import math
 import numpy as np
 
 from vtff_dynamics.compiled import compiled
-from vtff_gnss.constants import ELECTRONS_PER_TECU
+from vtff_gnss.constants import ELECTRONS_PER_TECU, IONOSPHERIC_DELAY_CONSTANT
 
 __all__ = [
     "DENSITY_UNIT",
@@ -25,6 +25,8 @@ DENSITY_UNIT = 1e12
 """Electrons per m3 in the unit of the states ``("plasma", layer)``."""
 
 _PATH_UNIT = DENSITY_UNIT / ELECTRONS_PER_TECU
+#: Delay of a code by 1 TECU times the square of its frequency, m Hz2.
+_DELAY_OF_TECU = IONOSPHERIC_DELAY_CONSTANT * ELECTRONS_PER_TECU
 
 
 @compiled
@@ -176,6 +178,7 @@ def sky_columns(  # type: ignore[no-untyped-def]
     rise,
     layers,
     shells,
+    frequency_hz,
 ):
     """Return the rays of single differences, out of those to all satellites.
 
@@ -193,12 +196,14 @@ def sky_columns(  # type: ignore[no-untyped-def]
         See `plasma_paths`.
     layers, shells : ndarray
         Thicknesses of layers and heights of shells above the chief, m.
+    frequency_hz : ndarray, shape (n,)
 
     Returns
     -------
     predicted, direction_deputy, direction_chief, range_rate_deputy, ray_turn : ndarray
         As in `Sky`; the range rate in m/s.
-    plasma : ndarray, shape (n, layers + 3 shells)
+    plasma_delay : ndarray, shape (n, layers + 3 shells)
+        As in `Sky`.
     elevations : ndarray, shape (2, n)
     """
     count = len(columns)
@@ -221,4 +226,8 @@ def sky_columns(  # type: ignore[no-untyped-def]
     plasma = np.empty((count, len(layers) + 3 * len(shells)))
     plasma[:, : len(layers)] = plasma_paths(radius, rise, elevations, layers)
     plasma[:, len(layers) :] = shell_paths(positions, rays, shells)
+    for n in range(count):
+        delay_of_tecu = _DELAY_OF_TECU / frequency_hz[n] ** 2
+        for k in range(plasma.shape[1]):
+            plasma[n, k] = delay_of_tecu * plasma[n, k]
     return predicted, rays[1], rays[0], rate, ray_turn, plasma, elevations
