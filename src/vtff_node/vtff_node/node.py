@@ -92,6 +92,11 @@ class CountingPublisher(Publisher):
         else:
             super().publish(msg)
 
+    def publish_bytes(self, content: bytes) -> None:
+        """Publish a serialised message and count it."""
+        self.published += 1
+        self._publish_bytes(content)
+
 
 class VtffNode(Node):
     """A thin ROS node.

@@ -31,11 +31,12 @@ from vtff_gnss.ephemeris import (
     lnav_accuracy,
     lnav_fit_interval,
 )
-from vtff_gnss.novatel import ReceiverLogStream, read_log
+from vtff_gnss.novatel import RangeSeries, ReceiverLogStream, read_log
 from vtff_gnss.novatel import message_ids as ids
 from vtff_gnss.novatel.definitions import MessageDecoder
 from vtff_gnss.novatel.framing import crc32_novatel
 from vtff_gnss.novatel.message_ids import PAYLOAD_LAYOUTS
+from vtff_gnss.novatel.range.range_logs import RANGE_RECORD
 from vtff_gnss.observations import OBSERVATION_COLUMNS, ObservationEpoch
 from vtff_gnss.orbits.lnav import SubframeError, decode_subframes
 from vtff_gnss.signals import carrier_wavelength, satellite_name
@@ -227,6 +228,33 @@ def test_range_logs_decoded_together_are_what_they_are_one_by_one(data):
     epochs = [event for event in events if isinstance(event, ObservationEpoch) and len(event)]
     addresses = [column.ctypes.data for epoch in epochs for column in epoch.columns().values()]
     assert len(set(addresses)) == len(addresses)  # no epoch changes another
+
+
+@settings(max_examples=60)
+@given(st.integers(0, 2**32), st.sampled_from([0.0, 0.2, 1.0]))
+def test_whatever_bits_range_logs_have_they_are_decoded_together_as_one_by_one(seed, share):
+    """Lock times may be no numbers, negative or infinite: `share` of them has any bits."""
+    generator = np.random.default_rng(seed)
+    count = int(generator.integers(1, 8))
+    signals = range_records(count)
+    frames = []
+    for index in range(5):
+        records = np.frombuffer(generator.bytes(signals.nbytes), RANGE_RECORD).copy()
+        has_any = generator.random(count) < share
+        lock_time = (1e-3 * 7.0 ** generator.integers(0, 12, count) + 0.05 * index).astype("<f4")
+        records["lock_time"] = np.where(has_any, records["lock_time"], lock_time)
+        records["prn"], records["glonass_frequency"] = signals["prn"], signals["glonass_frequency"]
+        records["tracking_status"] &= ~np.uint32(7 << 16 | 31 << 21)
+        records["tracking_status"] |= signals["tracking_status"] & np.uint32(7 << 16 | 31 << 21)
+        frames.append(
+            range_frame(records, 345_600_000 + int(generator.integers(0, 3)) * 50 * index)
+        )
+    together, one_by_one = ReceiverLogStream(), ReceiverLogStream()
+    events = together.feed(b"".join(frames))
+    assert events == [event for frame in frames for event in one_by_one.feed(frame)]
+    assert together.counters == one_by_one.counters
+    (before,) = together.feed_series(frames[0])
+    assert not isinstance(before, RangeSeries)  # a log alone is an epoch
 
 
 def test_signals_without_a_rinex_name_are_left_out_and_counted():

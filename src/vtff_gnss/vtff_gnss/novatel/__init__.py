@@ -14,16 +14,19 @@ from vtff_gnss.novatel.events import (
     ReceiverVersion,
 )
 from vtff_gnss.novatel.framing import StreamCounters
-from vtff_gnss.novatel.stream import ReceiverLogStream, read_log
+from vtff_gnss.novatel.range_series import RangeSeries
+from vtff_gnss.novatel.stream import ReceiverLogStream, read_log, split_series
 
 __all__ = [
     "CommandResponse",
     "Event",
     "IsmScintillation",
     "IsmSlantTec",
+    "RangeSeries",
     "RawLog",
     "ReceiverLogStream",
     "ReceiverVersion",
     "StreamCounters",
     "read_log",
+    "split_series",
 ]

@@ -19,29 +19,34 @@ import zlib
 from dataclasses import dataclass
 from typing import NamedTuple
 
+from vtff_gnss.novatel.frame_search import (
+    CRC_LENGTH,
+    MAX_APPENDED,
+    MAX_HEADER_LENGTH,
+    MAX_OTHER_PAYLOAD,
+    MIN_HEADER_LENGTH,
+    RESPONSE_BIT,
+    IntactFrames,
+)
 from vtff_gnss.novatel.message_ids import PAYLOAD_LAYOUTS
 
 __all__ = [
+    "CRC_LENGTH",
+    "MIN_HEADER_LENGTH",
+    "RESPONSE_BIT",
     "Frame",
     "FrameFormat",
     "FrameScanner",
+    "RangeFrames",
     "StreamCounters",
     "crc32_novatel",
     "ends_with_log",
 ]
 
-MAX_OTHER_PAYLOAD = 8192
-"""Longest accepted payload, in bytes, of a log whose layout is not in `PAYLOAD_LAYOUTS`."""
-MAX_APPENDED = 64
-"""Bytes by which newer firmware may have lengthened a log of fixed length."""
 MAX_ASCII_LENGTH = 32768
 """Longest accepted ASCII log, in bytes; 325 observations in RANGEA are 26 kB."""
 MAX_RESPONSE_LENGTH = 512
-MIN_HEADER_LENGTH = 28
-MAX_HEADER_LENGTH = 64
 SHORT_HEADER_LENGTH = 12
-CRC_LENGTH = 4
-RESPONSE_BIT = 0x80
 
 _SYNC_BINARY = 0xAA
 _SYNC_LONG = 0x12
@@ -81,6 +86,19 @@ class Frame(NamedTuple):
 
     format: FrameFormat
     content: bytes
+
+
+class RangeFrames(NamedTuple):
+    """Frames of some RANGE logs of one length that follow each other; their CRCs were right."""
+
+    content: bytes
+    number: int
+
+    def split(self) -> list[Frame]:
+        """Return the frames one by one."""
+        length = len(self.content) // self.number
+        starts = range(0, len(self.content), length)
+        return [Frame(FrameFormat.BINARY, self.content[k : k + length]) for k in starts]
 
 
 @dataclass
@@ -151,23 +169,25 @@ class FrameScanner:
 
     def __init__(self, counters: StreamCounters) -> None:
         self._counters = counters
-        self._buffer = bytearray()
+        self._buffer = b""
+        self._intact_frames = IntactFrames()
 
-    def feed(self, chunk: bytes | bytearray | memoryview) -> list[Frame]:
+    def feed(self, chunk: bytes | bytearray | memoryview) -> list[Frame | RangeFrames]:
         """Take the next bytes of the stream and return the frames that they complete."""
         self._counters.bytes_received += len(chunk)
-        self._buffer += chunk
+        self._buffer = b"".join((self._buffer, chunk)) if self._buffer else bytes(chunk)
         return self._scan(is_end=False)
 
-    def close(self) -> list[Frame]:
+    def close(self) -> list[Frame | RangeFrames]:
         """End the stream and return the frames hidden behind one that was cut off."""
         return self._scan(is_end=True)
 
-    def _scan(self, is_end: bool) -> list[Frame]:
+    def _scan(self, is_end: bool) -> list[Frame | RangeFrames]:
         buffer = self._buffer
-        frames: list[Frame] = []
+        frames: list[Frame | RangeFrames] = []
         position = 0
         while True:
+            position = self._take_intact(position, frames)
             match = _FRAME_START.search(buffer, position)
             if match is None:
                 tail = 0 if is_end else _LONGEST_START - 1
@@ -184,7 +204,7 @@ class FrameScanner:
                     break
                 self._counters.frames_truncated += 1
             if verdict is _Verdict.COMPLETE:
-                frames.append(Frame(frame_format, bytes(buffer[start:end])))
+                frames.append(Frame(frame_format, buffer[start:end]))
                 if frame_format is FrameFormat.RESPONSE:
                     self._counters.responses += 1
                 else:
@@ -193,8 +213,26 @@ class FrameScanner:
             else:
                 position = start + 1
                 self._counters.bytes_skipped += 1
-        del buffer[:position]
+        self._buffer = buffer[position:]
         return frames
+
+    def _take_intact(self, position: int, frames: list[Frame | RangeFrames]) -> int:
+        """Append the intact frames that follow each other from a position on; return their end."""
+        buffer = self._buffer
+        while buffer.startswith(_LONG_START, position):
+            groups = self._intact_frames.find(buffer, position)
+            if not groups:
+                break
+            for start, end, count in groups:
+                content = buffer[start:end]
+                frames.append(
+                    Frame(FrameFormat.BINARY, content)
+                    if count == 1
+                    else RangeFrames(content, count)
+                )
+                self._counters.frames_good += count
+            position = groups[-1][1]
+        return position
 
     def _judge(self, start: int, is_end: bool) -> tuple[_Verdict, FrameFormat, int]:
         """Judge the frame that may start at `start`: verdict, format and end."""
@@ -270,10 +308,10 @@ class FrameScanner:
         """
         match = _LINE_END.search(self._buffer, start, start + MAX_ASCII_LENGTH + 1)
         if match is not None:
-            return bytes(self._buffer[start : match.start()])
+            return self._buffer[start : match.start()]
         if len(self._buffer) - start > MAX_ASCII_LENGTH:
             return b""
-        return bytes(self._buffer[start:]) if is_end else None
+        return self._buffer[start:] if is_end else None
 
     def _check_ascii(self, start: int, line: bytes) -> tuple[_Verdict, FrameFormat, int]:
         found_crc = False

@@ -6,9 +6,8 @@ A further log: see `vtff_gnss.novatel`; here it needs its number in `_DECODED_ID
 
 from __future__ import annotations
 
-import itertools
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from typing import Literal
 
@@ -18,24 +17,25 @@ from vtff_gnss.fix import Fix, ReceiverTime
 from vtff_gnss.novatel import message_ids as ids
 from vtff_gnss.novatel.definitions import MessageDecoder, log_name
 from vtff_gnss.novatel.events import CommandResponse, Event, RawLog
-from vtff_gnss.novatel.framing import Frame, FrameFormat, FrameScanner, StreamCounters
+from vtff_gnss.novatel.framing import (
+    Frame,
+    FrameFormat,
+    FrameScanner,
+    RangeFrames,
+    StreamCounters,
+)
 from vtff_gnss.novatel.header import BinaryLog, parse_binary_log
 from vtff_gnss.novatel.ism_logs import decode_ismredobs, decode_ismredtec
 from vtff_gnss.novatel.range.lock_time import LockTimeTracker
 from vtff_gnss.novatel.range.range_logs import (
     GlonassChannels,
     decode_range,
-    decode_range_series,
     decode_rangecmp,
 )
 from vtff_gnss.novatel.range.rangecmp2 import decode_rangecmp2
 from vtff_gnss.novatel.range.rangecmp45 import RangeCmp4Decoder, decode_rangecmp5
-from vtff_gnss.novatel.range.signal_records import (
-    EpochHeader,
-    SignalRecords,
-    epoch_from_records,
-    epochs_from_records,
-)
+from vtff_gnss.novatel.range.signal_records import SignalRecords, epoch_from_records
+from vtff_gnss.novatel.range_series import RangeSeries, decode_range_series
 from vtff_gnss.novatel.solution_logs import (
     fix_from_bestxyz,
     galileo_ephemeris,
@@ -46,13 +46,12 @@ from vtff_gnss.novatel.solution_logs import (
 )
 from vtff_gnss.novatel.version_log import decode_version
 
-__all__ = ["RawLogs", "ReceiverLogStream", "read_log"]
+__all__ = ["RawLogs", "ReceiverLogStream", "read_log", "split_series"]
 
 RawLogs = Literal["none", "undecoded", "all"]
 """Which logs also, or only, appear as `RawLog`."""
 
 _CHUNK_LENGTH = 1 << 16
-_RANGE_ID = ids.ID_RANGE.to_bytes(2, "little")
 _EPHEMERIS_DECODERS = {
     ids.ID_GPSEPHEM: gps_ephemeris,
     ids.ID_GALINAVEPHEMERIS: galileo_ephemeris,
@@ -103,19 +102,40 @@ class ReceiverLogStream:
 
     def feed(self, chunk: bytes | bytearray | memoryview) -> list[Event]:
         """Take the next bytes and return the events that they complete, in stream order."""
-        events: list[Event] = []
-        for is_range, group in itertools.groupby(self._scanner.feed(chunk), _is_range):
-            frames = list(group)
-            series = self._decode_range_series(frames) if is_range and len(frames) > 1 else None
-            if series is None:
-                series = [event for frame in frames for event in self._decode(frame)]
-            events += series
+        return split_series(self.feed_series(chunk))
+
+    def feed_series(self, chunk: bytes | bytearray | memoryview) -> list[Event | RangeSeries]:
+        """Do as `feed`, but return epochs of the same signals that follow each other as one."""
+        events: list[Event | RangeSeries] = []
+        for item in self._scanner.feed(chunk):
+            events += self._decode_frames(item)
         return events
 
     def close(self) -> list[Event]:
         """End the stream and return what it still held back."""
-        events = [event for frame in self._scanner.close() for event in self._decode(frame)]
+        events: list[Event] = []
+        for item in self._scanner.close():
+            for frame in item.split() if isinstance(item, RangeFrames) else [item]:
+                events += self._decode(frame)
         return events + self._solutions.release()
+
+    def _decode_frames(self, item: Frame | RangeFrames) -> Sequence[Event | RangeSeries]:
+        if isinstance(item, Frame):
+            return self._decode(item)
+        lock_times = self._lock_times_of(ids.ID_RANGE)
+        series = decode_range_series(item.content, item.number, lock_times)
+        if series is None:
+            return [event for frame in item.split() for event in self._decode(frame)]
+        self.counters.signals_unnamed += series.names.unnamed_count * len(series)
+        if self._raw_logs != "all" and not self._solutions.holds_fix:
+            return [series]
+        events: list[Event] = []
+        for frame, epoch in zip(item.split(), series.epochs(), strict=True):
+            events += self._solutions.advance(epoch.time)
+            events.append(epoch)
+            if self._raw_logs == "all":
+                events.append(_raw_log(frame, ids.ID_RANGE, epoch.time))
+        return events
 
     def _decode(self, frame: Frame) -> list[Event]:
         if frame.format is FrameFormat.RESPONSE:
@@ -141,34 +161,6 @@ class ReceiverLogStream:
             self.counters.logs_malformed += 1
         if self._raw_logs == "all":
             events.append(_raw_log(frame, log.message_id, log.time))
-        return events
-
-    def _decode_range_series(self, frames: list[Frame]) -> list[Event] | None:
-        """Decode RANGE logs that follow each other at once, which is many times cheaper.
-
-        None where that gives other events than `_decode` log by log, which then has to do it.
-        """
-        logs = [parse_binary_log(frame.content) for frame in frames]
-        headers = [
-            EpochHeader(log.time, log.time_status, log.receiver_status)
-            for log in logs
-            if log.time is not None and not log.is_response
-        ]
-        records = decode_range_series([log.payload for log in logs])
-        if records is None or len(headers) < len(logs):
-            return None
-        log_name = ids.OBSERVATION_LOG_NAMES[ids.ID_RANGE]
-        decoded = epochs_from_records(records, headers, log_name, self._lock_times_of(ids.ID_RANGE))
-        if decoded is None:
-            return None
-        epochs, unnamed_count = decoded
-        self.counters.signals_unnamed += unnamed_count * len(epochs)
-        events: list[Event] = []
-        for frame, epoch in zip(frames, epochs, strict=True):
-            events += self._solutions.advance(epoch.time)
-            events.append(epoch)
-            if self._raw_logs == "all":
-                events.append(_raw_log(frame, ids.ID_RANGE, epoch.time))
         return events
 
     def _lock_times_of(self, message_id: int) -> LockTimeTracker:
@@ -268,6 +260,11 @@ class _SolutionJoiner:
         self._held_fix: Fix | None = None
         self._time_follows_fix = False
 
+    @property
+    def holds_fix(self) -> bool:
+        """Whether a fix is held back."""
+        return self._held_fix is not None
+
     def add_fix(self, fix: Fix) -> list[Event]:
         events = self.release()
         self._last_fix_time = fix.time
@@ -350,14 +347,21 @@ def read_log(
     yield from stream.close()
 
 
+def split_series(events: Iterable[Event | RangeSeries]) -> list[Event]:
+    """Return events with the epochs of each series one by one."""
+    split: list[Event] = []
+    for event in events:
+        if isinstance(event, RangeSeries):
+            split += event.epochs()
+        else:
+            split.append(event)
+    return split
+
+
 def _with_clock(fix: Fix, time: ReceiverTime) -> Fix:
     if not time.is_valid:
         return fix
     return replace(fix, clock_offset=time.clock_offset, clock_offset_sigma=time.clock_offset_sigma)
-
-
-def _is_range(frame: Frame) -> bool:
-    return frame.format is FrameFormat.BINARY and frame.content[4:6] == _RANGE_ID
 
 
 def _command_response(log: BinaryLog) -> CommandResponse:

@@ -8,7 +8,7 @@ from rclpy.publisher import Publisher
 from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
 from vtff_gnss.ephemeris import BroadcastEphemeris, GlonassEphemeris
 from vtff_gnss.fix import Fix
-from vtff_gnss.novatel import Event, IsmScintillation, IsmSlantTec, RawLog
+from vtff_gnss.novatel import Event, IsmScintillation, IsmSlantTec, RangeSeries, RawLog
 from vtff_gnss.observations import ObservationEpoch
 from vtff_msgs.msg import GlonassEphemeris as GlonassEphemerisMessage
 from vtff_msgs.msg import (
@@ -19,6 +19,7 @@ from vtff_msgs.msg import (
     Scintillation,
     SlantTec,
 )
+from vtff_nav.receiver.rehearsal import rehearse_decoding
 from vtff_node.conversions.gnss import (
     ephemeris_to_message,
     fix_to_message,
@@ -27,7 +28,7 @@ from vtff_node.conversions.gnss import (
     ism_slant_tec_to_message,
     raw_log_to_message,
 )
-from vtff_node.conversions.observation_bytes import serialize_observations
+from vtff_node.conversions.observation_bytes import serialize_observations, serialize_series
 from vtff_node.node import VtffNode
 
 __all__ = ["EventPublisher"]
@@ -70,7 +71,8 @@ class EventPublisher:
         self._frame_id = frame_id
         self._holds_epoch = holds_epoch
         self._held: tuple[int, bytes] | None = None
-        self._last_epoch: ObservationEpoch | None = None
+        #: Time of the last epoch, ns since 1980-01-06 (GPS); None if it had no signal.
+        self._last_nanoseconds: int | None = None
         self.published = {"epochs": 0, "fixes": 0, "ephemerides": 0, "raw logs": 0}
         self.left_out = {"epochs repeated": 0}
         self._high_rate = node.publisher(GnssObservations, "gnss/high_rate")
@@ -82,8 +84,9 @@ class EventPublisher:
         self._ism_slant_tec: Publisher | None = None
         self._ism_scintillation: Publisher | None = None
         self._unconfirmed: set[Publisher] = set()
+        serialize_series(rehearse_decoding(), frame_id)
 
-    def publish(self, event: Event) -> None:
+    def publish(self, event: Event | RangeSeries) -> None:
         """Publish an event; an event without a topic is ignored.
 
         Raises
@@ -91,8 +94,13 @@ class EventPublisher:
         ValueError
             If the time of the event does not fit a stamp.
         """
-        if isinstance(event, ObservationEpoch):
-            self._publish_observations(event)
+        if isinstance(event, RangeSeries):
+            self._publish_series(event)
+        elif isinstance(event, ObservationEpoch):
+            if not self._is_repeated(event.time.nanoseconds):
+                self._begin_epoch(event.time.nanoseconds, len(event))
+                message = serialize_observations(event, self._frame_id)
+                self._publish_observations(event.time.nanoseconds, message)
         elif isinstance(event, Fix):
             self.published["fixes"] += 1
             self._fix.publish(fix_to_message(event))
@@ -125,22 +133,43 @@ class EventPublisher:
         second, message = self._held
         if newest_second is None or second <= newest_second:
             self._held = None
-            self._epoch.publish(message)
+            self._epoch.publish_bytes(message)
 
-    def _publish_observations(self, epoch: ObservationEpoch) -> None:
-        last = self._last_epoch
-        if last is not None and epoch.time == last.time and len(last) > 0:
-            # The same epoch came in a second format, e.g. RANGE and RANGECMP in one log. An epoch
-            # without signals does not count: RANGECMP4 cannot be decoded without its reference.
-            self.left_out["epochs repeated"] += 1
+    def _publish_series(self, series: RangeSeries) -> None:
+        count = len(series.names)
+        try:
+            messages = serialize_series(series, self._frame_id)
+        except ValueError:  # up to the first time that no stamp can hold
+            for epoch in series.epochs():
+                self.publish(epoch)
             return
-        self.release_epoch()
-        self._last_epoch = epoch
+        for nanoseconds, message in zip(series.nanoseconds.tolist(), messages, strict=True):
+            if not self._is_repeated(nanoseconds):
+                self._begin_epoch(nanoseconds, count)
+                self._publish_observations(nanoseconds, message)
+
+    def _is_repeated(self, nanoseconds: int) -> bool:
+        """Return whether an epoch came before in another format; count it then.
+
+        RANGE and RANGECMP may be in one log. An epoch without signals does not count: RANGECMP4
+        cannot be decoded without its reference.
+        """
+        is_repeated = nanoseconds == self._last_nanoseconds
+        self.left_out["epochs repeated"] += is_repeated
+        return is_repeated
+
+    def _begin_epoch(self, nanoseconds: int, count: int) -> None:
+        """Note the time and the number of signals of an epoch, which ends the one before."""
+        if self._held is not None:
+            self.release_epoch()
+        self._last_nanoseconds = nanoseconds if count else None
         self.published["epochs"] += 1
-        message = serialize_observations(epoch, self._frame_id)
-        self._confirm_ephemerides()
-        self._high_rate.publish(message)
-        second, remainder = divmod(epoch.time.nanoseconds, NANOSECONDS_PER_SECOND)
+
+    def _publish_observations(self, nanoseconds: int, message: bytes) -> None:
+        if self._unconfirmed:
+            self._confirm_ephemerides()
+        self._high_rate.publish_bytes(message)
+        second, remainder = divmod(nanoseconds, NANOSECONDS_PER_SECOND)
         if remainder == 0:
             self._held = (second, message)
             if not self._holds_epoch:

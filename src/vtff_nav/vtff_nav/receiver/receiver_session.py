@@ -12,7 +12,13 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from vtff_gnss.novatel import CommandResponse, Event, ReceiverLogStream, ReceiverVersion
+from vtff_gnss.novatel import (
+    CommandResponse,
+    Event,
+    RangeSeries,
+    ReceiverLogStream,
+    ReceiverVersion,
+)
 from vtff_gnss.novatel.framing import ends_with_log
 from vtff_nav.receiver.command_dialogue import CommandDialogue, Procedure
 from vtff_nav.receiver.live_port import LivePort, PortError
@@ -187,8 +193,10 @@ class ReceiverSession:
         """Number of times that the port was opened again."""
         return max(0, self.connections - 1)
 
-    def advance(self, now: float, awaited_log: int | None = None) -> list[Event]:
+    def advance(self, now: float, awaited_log: int | None = None) -> list[Event | RangeSeries]:
         """Read and send without waiting, and return the decoded events.
+
+        Epochs of the same signals that were read together are one of these events.
 
         Parameters
         ----------
@@ -203,7 +211,7 @@ class ReceiverSession:
         if self._port is None and not self._connect():
             self._expire_requests()
             return []
-        events: list[Event] = []
+        events: list[Event | RangeSeries] = []
         try:
             self._send_outgoing()
             events = self._read(awaited_log)
@@ -275,7 +283,7 @@ class ReceiverSession:
         if self._port is not None and outgoing:
             del outgoing[: self._port.write(outgoing)]
 
-    def _read(self, awaited_log: int | None) -> list[Event]:
+    def _read(self, awaited_log: int | None) -> list[Event | RangeSeries]:
         """Read and decode; answers to commands go to the dialogue."""
         content = self._read_port(awaited_log)
         if not content:
@@ -284,8 +292,8 @@ class ReceiverSession:
         self._heard_at = self._now
         self._has_sent_since_configured |= self.is_running
         self._bytes_since_understood += len(content)
-        events: list[Event] = []
-        for event in self._stream.feed(content):
+        events: list[Event | RangeSeries] = []
+        for event in self._stream.feed_series(content):
             if isinstance(event, CommandResponse):
                 self._dialogue.take_answer(event)
                 continue

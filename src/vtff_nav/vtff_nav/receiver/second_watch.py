@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
 from vtff_gnss.fix import Fix, ReceiverTime
-from vtff_gnss.novatel import Event
+from vtff_gnss.novatel import Event, RangeSeries
 from vtff_gnss.novatel.message_ids import ID_BESTXYZ, ID_TIME
 from vtff_gnss.observations import ObservationEpoch
 
@@ -69,7 +69,12 @@ class SecondWatch:
         return self._end_id
 
     def read(
-        self, byte_count: int, events: Iterable[Event], now: float, *, is_dialogue: bool = False
+        self,
+        byte_count: int,
+        events: Iterable[Event | RangeSeries],
+        now: float,
+        *,
+        is_dialogue: bool = False,
     ) -> None:
         """Note the bytes and events read at wall time `now`, in s.
 
@@ -80,8 +85,12 @@ class SecondWatch:
             self._is_heard |= not is_dialogue
         for event in events:
             if isinstance(event, self._end_type):
-                second = event.time.nanoseconds // NANOSECONDS_PER_SECOND
-                self.newest_end = max(self.newest_end, second)
+                self._note_end(event.time.nanoseconds)
+            elif isinstance(event, RangeSeries) and self._end_type is ObservationEpoch:
+                self._note_end(int(event.nanoseconds.max()))
+
+    def _note_end(self, nanoseconds: int) -> None:
+        self.newest_end = max(self.newest_end, nanoseconds // NANOSECONDS_PER_SECOND)
 
     def begin(self, second: int, now: float) -> None:
         """Begin to wait for the end of a second; its bytes may already have come."""

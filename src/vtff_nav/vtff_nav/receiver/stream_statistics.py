@@ -8,7 +8,7 @@ from collections.abc import Iterable
 
 from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
 from vtff_gnss.fix import ReceiverTime
-from vtff_gnss.novatel import Event
+from vtff_gnss.novatel import Event, RangeSeries
 from vtff_gnss.observations import ObservationEpoch
 
 __all__ = ["StreamStatistics"]
@@ -32,42 +32,52 @@ class StreamStatistics:
         self._bytes = 0
         #: Receiver time (ns) and bytes received so far, one for each observation epoch.
         self._epochs: deque[tuple[int, int]] = deque()
-        self._newest: ObservationEpoch | None = None
+        self._newest: ObservationEpoch | RangeSeries | None = None
         self._time: ReceiverTime | None = None
+
+    def _newest_epoch(self) -> ObservationEpoch | None:
+        if isinstance(self._newest, RangeSeries):
+            self._newest = self._newest.epochs()[-1]
+        return self._newest
 
     @property
     def satellites(self) -> int:
         """Number of satellites in the newest epoch."""
-        if self._newest is None:
+        epoch = self._newest_epoch()
+        if epoch is None:
             return 0
-        return len(set(zip(self._newest.system.tolist(), self._newest.prn.tolist(), strict=True)))
+        return len(set(zip(epoch.system.tolist(), epoch.prn.tolist(), strict=True)))
 
     @property
     def newest_nanoseconds(self) -> int:
         """Unix time of the newest epoch; 0 before the first."""
-        return 0 if self._newest is None else self._newest.time.to_unix_nanoseconds()
+        epoch = self._newest_epoch()
+        return 0 if epoch is None else epoch.time.to_unix_nanoseconds()
 
-    def add(self, byte_count: int, events: Iterable[Event]) -> None:
+    def add(self, byte_count: int, events: Iterable[Event | RangeSeries]) -> None:
         """Add the bytes and events of one read; its epochs share the bytes evenly."""
-        epochs = []
+        times: list[int] = []
         for event in events:
-            if isinstance(event, ObservationEpoch):
-                epochs.append(event)
+            if isinstance(event, RangeSeries):
+                times += event.nanoseconds.tolist()
+                self._newest = event
+            elif isinstance(event, ObservationEpoch):
+                times.append(event.time.nanoseconds)
+                self._newest = event
             elif isinstance(event, ReceiverTime):
                 self._time = event
-        for number, epoch in enumerate(epochs, 1):
-            self._add_epoch(epoch, self._bytes + byte_count * number // len(epochs))
+        for number, time in enumerate(times, 1):
+            self._add_epoch(time, self._bytes + byte_count * number // len(times))
         self._bytes += byte_count
 
-    def _add_epoch(self, epoch: ObservationEpoch, byte_count: int) -> None:
-        self._newest = epoch
-        time = epoch.time.nanoseconds
-        if self._epochs and not 0 <= time - self._epochs[-1][0] <= NANOSECONDS_PER_SECOND:
-            self._epochs.clear()  # rates are computed within one sequence without a gap
-        if not self._epochs or time > self._epochs[-1][0]:
-            self._epochs.append((time, byte_count))
-        while time - self._epochs[0][0] > WINDOW_SECONDS * NANOSECONDS_PER_SECOND:
-            self._epochs.popleft()
+    def _add_epoch(self, time: int, byte_count: int) -> None:
+        epochs = self._epochs
+        if epochs and not 0 <= time - epochs[-1][0] <= NANOSECONDS_PER_SECOND:
+            epochs.clear()  # rates are computed within one sequence without a gap
+        if not epochs or time > epochs[-1][0]:
+            epochs.append((time, byte_count))
+        while time - epochs[0][0] > WINDOW_SECONDS * NANOSECONDS_PER_SECOND:
+            epochs.popleft()
 
     def rates(self) -> tuple[float, float]:
         """Return epochs/s and bytes/s of receiver time; NaN with fewer than two epochs."""
@@ -89,7 +99,7 @@ class StreamStatistics:
 
     def tracking_values(self) -> dict[str, str]:
         """Return satellites, C/N0 and clock of the newest epoch for /diagnostics."""
-        epoch = self._newest
+        epoch = self._newest_epoch()
         if epoch is None:
             return {"satellites": "0"}
         status = int(epoch.time_status)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 import numpy.typing as npt
 
@@ -32,11 +30,18 @@ class LockTimeTracker:
     A signal has been tracked without interruption if its lock time has grown as much as time has
     passed. A logged lock time may be a lower bound (saturated, or a class of lock times); then
     lock is reported lost only if even the upper bound has not grown enough.
+
+    Attributes
+    ----------
+    seconds : ndarray, shape (keys,)
+        When each signal was last seen, s since 1980-01-06 (GPS); NaN for never.
+    lock_time : ndarray, shape (keys,)
+        Its lock time then, s.
     """
 
     def __init__(self) -> None:
-        self._seconds = np.full(_KEYS, np.nan)
-        self._lock_time = np.zeros(_KEYS)
+        self.seconds = np.full(_KEYS, np.nan)
+        self.lock_time = np.zeros(_KEYS)
 
     def update(
         self,
@@ -61,45 +66,15 @@ class LockTimeTracker:
         ndarray of bool, shape (n,)
             Lock was lost since the signal was last seen. False for a signal seen first.
         """
-        is_lost = self.update_series(
-            [time], key, lock_time[np.newaxis, :], lock_time_bound[np.newaxis, :]
-        )
-        return np.asarray(is_lost[0])
-
-    def update_series(
-        self,
-        times: Sequence[GpsTime],
-        key: npt.NDArray[np.intp],
-        lock_time: npt.NDArray[np.floating],
-        lock_time_bound: npt.NDArray[np.floating],
-    ) -> npt.NDArray[np.bool_]:
-        """Take the lock times of k epochs of the same signals, as `update` epoch by epoch.
-
-        Parameters
-        ----------
-        times : sequence of GpsTime
-            The k epochs.
-        key : ndarray of int, shape (n,)
-            The signals, each once.
-        lock_time, lock_time_bound : ndarray of float, shape (k, n)
-
-        Returns
-        -------
-        ndarray of bool, shape (k, n)
-        """
-        seconds = np.array([[time.nanoseconds * 1e-9] for time in times])
-        previous_seconds, previous_lock_time = self._seconds[key], self._lock_time[key]
-        elapsed = seconds - previous_seconds
-        growth = lock_time_bound - previous_lock_time
-        if len(times) > 1:
-            elapsed[1:] = seconds[1:] - seconds[:-1]
-            growth[1:] = lock_time_bound[1:] - lock_time[:-1].astype(np.float64)
+        seconds = time.nanoseconds * 1e-9
+        elapsed = seconds - self.seconds[key]
+        growth = lock_time_bound - self.lock_time[key]
         # Half of the step at most, or a slip between two 20 Hz epochs would go unseen.
         tolerance = np.minimum(np.maximum(0.5 * elapsed, 0.0), MAX_TOLERANCE)
         # RANGE has float32 lock times, which grow in coarse steps after some days.
         tolerance += np.spacing(lock_time.astype(np.float32))
         # False where nothing is known, because no comparison with NaN holds.
         is_lost = growth + tolerance <= elapsed
-        self._seconds[key] = seconds[-1, 0]
-        self._lock_time[key] = lock_time[-1]
+        self.seconds[key] = seconds
+        self.lock_time[key] = lock_time
         return np.asarray(is_lost)

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Sequence
-
 import numpy as np
 import numpy.typing as npt
 
@@ -12,7 +9,6 @@ from vtff_dynamics.constants import SPEED_OF_LIGHT
 from vtff_gnss import constants as c
 from vtff_gnss.novatel.range.signal_records import SignalRecords
 from vtff_gnss.novatel.range.tracking_status import (
-    SIGNAL_MASK,
     flags_from_status,
     rinex_signal,
     signal_from_status,
@@ -26,7 +22,6 @@ __all__ = [
     "RANGE_RECORD",
     "GlonassChannels",
     "decode_range",
-    "decode_range_series",
     "decode_rangecmp",
 ]
 
@@ -110,43 +105,6 @@ def decode_range(payload: bytes) -> SignalRecords:
     """
     count = int.from_bytes(payload[:4], "little")
     return _range_columns(np.frombuffer(payload, dtype=RANGE_RECORD, count=count, offset=4))
-
-
-def decode_range_series(payloads: Sequence[bytes]) -> SignalRecords | None:
-    """Decode the payloads of k RANGE logs of the same n signals at once.
-
-    Returns
-    -------
-    SignalRecords or None
-        Columns `system` to `glonass_channel` of shape (n,), the others of shape (k, n). None if the
-        logs do not list the same signals in the same order: then decode them one by one.
-    """
-    length = len(payloads[0])
-    count = int.from_bytes(payloads[0][:4], "little")
-    if length < 4 + count * RANGE_RECORD.itemsize or any(len(p) != length for p in payloads):
-        return None
-    layout = np.dtype(
-        {
-            "names": ["count", "records"],
-            "formats": ["<u4", (RANGE_RECORD, (count,))],
-            "offsets": [0, 4],
-            "itemsize": length,
-        }
-    )
-    logs = np.frombuffer(b"".join(payloads), dtype=layout)
-    records = logs["records"]
-    signals = [records["prn"], records["glonass_frequency"]]
-    signals.append(records["tracking_status"] & SIGNAL_MASK)
-    if (logs["count"] != count).any() or any((c[1:] != c[0]).any() for c in signals):
-        return None
-    columns = _range_columns(records)
-    return dataclasses.replace(
-        columns,
-        system=columns.system[0],
-        signal=columns.signal[0],
-        prn_novatel=columns.prn_novatel[0],
-        glonass_channel=columns.glonass_channel[0],
-    )
 
 
 def _range_columns(records: npt.NDArray[np.void]) -> SignalRecords:

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -16,12 +15,19 @@ from vtff_gnss.novatel.range.lock_time import LockTimeTracker, lock_key
 from vtff_gnss.novatel.range.tracking_status import rinex_prn, rinex_signal
 from vtff_gnss.observations import OBSERVATION_COLUMNS, ObservationEpoch
 
-__all__ = ["EpochHeader", "SignalRecords", "epoch_from_records", "epochs_from_records"]
+__all__ = [
+    "MEASURED_COLUMNS",
+    "SignalNames",
+    "SignalRecords",
+    "epoch_from_records",
+    "signal_names",
+]
 
-_MEASURED_COLUMNS = (
+MEASURED_COLUMNS = (
     "pseudorange", "carrier_phase_cycles", "doppler_hz", "cn0_dbhz", "pseudorange_sigma",
     "carrier_phase_sigma_cycles", "lock_time", "flags",
 )  # fmt: skip
+"""Columns of an `ObservationEpoch` beyond those that name its signals."""
 
 
 @dataclass(frozen=True)
@@ -64,11 +70,16 @@ def epoch_from_records(
     unnamed_count : int
         Records left out because system, signal or satellite has no RINEX name.
     """
-    names = _names_of(
-        records.system.tobytes(),
-        records.signal.tobytes(),
-        np.asarray(records.prn_novatel, dtype=np.intp).tobytes(),
-        np.asarray(records.glonass_channel, dtype=np.int64).tobytes(),
+    names = signal_names(
+        b"".join(
+            np.asarray(column, dtype=np.int64).tobytes()
+            for column in (
+                records.system,
+                records.signal,
+                records.prn_novatel,
+                records.glonass_channel,
+            )
+        )
     )
     chosen = names.chosen
     is_lost = lock_times.update(
@@ -78,7 +89,7 @@ def epoch_from_records(
     columns: dict[str, npt.NDArray[Any]] = {
         name: column.copy() for name, column in names.columns.items()
     }
-    for name in _MEASURED_COLUMNS:
+    for name in MEASURED_COLUMNS:
         columns[name] = getattr(records, name)[chosen].astype(OBSERVATION_COLUMNS[name])
     columns["flags"][is_lost] |= FLAG_LOCK_LOST
     epoch = ObservationEpoch(
@@ -91,92 +102,54 @@ def epoch_from_records(
     return epoch, names.unnamed_count
 
 
-@dataclass(frozen=True)
-class EpochHeader:
-    """Fields of the header of a range log."""
-
-    time: GpsTime
-    time_status: int
-    receiver_status: int
-
-
-def epochs_from_records(
-    records: SignalRecords,
-    headers: Sequence[EpochHeader],
-    log_name: str,
-    lock_times: LockTimeTracker,
-) -> tuple[list[ObservationEpoch], int] | None:
-    """Build the epochs of k logs of the same signals, as `epoch_from_records` one by one.
+@dataclass(frozen=True, eq=False)
+class SignalNames:
+    """RINEX names of the signals of a log; arrays are read-only.
 
     Parameters
     ----------
-    records : SignalRecords
-        Columns `system` to `glonass_channel` of shape (n,), the others of shape (k, n).
-
-    Returns
-    -------
-    epochs : list of ObservationEpoch
+    chosen : ndarray of bool, or slice
+        Which of the records have a name.
+    places : ndarray of int64, shape (n,)
+        The same as indices.
     unnamed_count : int
-        Records left out of each log.
-
-    None if a signal is in the logs twice: `lock_times` then has to take one epoch after another.
+        Number of the others.
+    lock_key : ndarray of int64, shape (n,)
+        See `vtff_gnss.novatel.range.lock_time.lock_key`.
+    has_repetition : bool
+        Whether a signal is there twice.
+    columns : dict of str to ndarray, shape (n,)
+        Columns `system` to `glonass_channel` of an `ObservationEpoch`.
     """
-    names = _names_of(
-        records.system.tobytes(),
-        records.signal.tobytes(),
-        np.asarray(records.prn_novatel, dtype=np.intp).tobytes(),
-        np.asarray(records.glonass_channel, dtype=np.int64).tobytes(),
-    )
-    if names.has_repetition:
-        return None
-    chosen = (slice(None), names.chosen)
-    is_lost = lock_times.update_series(
-        [header.time for header in headers],
-        names.lock_key,
-        records.lock_time[chosen],
-        records.lock_time_bound[chosen],
-    )
-    columns: dict[str, npt.NDArray[Any]] = {
-        name: np.tile(column, (len(headers), 1)) for name, column in names.columns.items()
-    }
-    for name in _MEASURED_COLUMNS:
-        columns[name] = getattr(records, name)[chosen].astype(OBSERVATION_COLUMNS[name])
-    columns["flags"][is_lost] |= FLAG_LOCK_LOST
-    epochs = [
-        ObservationEpoch(
-            time=header.time,
-            time_status=header.time_status,
-            receiver_status=header.receiver_status,
-            log_name=log_name,
-            **dict(zip(columns, rows, strict=True)),
-        )
-        for header, *rows in zip(headers, *columns.values(), strict=True)
-    ]
-    return epochs, names.unnamed_count
-
-
-class _Names(NamedTuple):
-    """RINEX names of the signals of a log; arrays are read-only."""
 
     chosen: npt.NDArray[np.bool_] | slice
+    places: npt.NDArray[np.int64]
     unnamed_count: int
-    lock_key: npt.NDArray[np.intp]
+    lock_key: npt.NDArray[np.int64]
     has_repetition: bool
     columns: dict[str, npt.NDArray[Any]]
 
+    def __len__(self) -> int:
+        """Return the number of signals with a name."""
+        return len(self.places)
+
 
 @functools.lru_cache(maxsize=256)
-def _names_of(system: bytes, signal: bytes, prn_novatel: bytes, glonass_channel: bytes) -> _Names:
-    """Return the names of a list of signals, which stays the same over many epochs."""
-    systems, signals, numbers = (
-        np.frombuffer(column, dtype=np.intp) for column in (system, signal, prn_novatel)
-    )
-    band, attribute = rinex_signal(systems, signals)
+def signal_names(signals: bytes) -> SignalNames:
+    """Return the names of a list of signals, which stays the same over many epochs.
+
+    Parameters
+    ----------
+    signals : bytes
+        Columns `system`, `signal`, `prn_novatel` and `glonass_channel` of `SignalRecords`, each of
+        int64, one after the other.
+    """
+    systems, signal, numbers, channel = np.frombuffer(signals, dtype=np.int64).reshape(4, -1)
+    band, attribute = rinex_signal(systems, signal)
     prn = rinex_prn(systems, numbers)
     is_named = (band > 0) & (prn > 0)
     unnamed_count = int(len(prn) - np.count_nonzero(is_named))
     chosen = is_named if unnamed_count else slice(None)
-    channel = np.frombuffer(glonass_channel, dtype=np.int64)
     columns: dict[str, npt.NDArray[Any]] = {
         "system": systems,
         "prn": prn,
@@ -184,9 +157,10 @@ def _names_of(system: bytes, signal: bytes, prn_novatel: bytes, glonass_channel:
         "attribute": attribute,
         "glonass_channel": np.where(systems == SYSTEM_GLONASS, channel, 0),
     }
-    key = lock_key(systems[chosen], prn[chosen], signals[chosen])
-    return _Names(
+    key = lock_key(systems[chosen], prn[chosen], signal[chosen])
+    return SignalNames(
         chosen,
+        np.flatnonzero(is_named),
         unnamed_count,
         key,
         len(np.unique(key)) < len(key),

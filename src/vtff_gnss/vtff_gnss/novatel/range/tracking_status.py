@@ -14,7 +14,6 @@ from vtff_gnss import constants as c
 
 __all__ = [
     "NOVATEL_SIGNALS",
-    "SIGNAL_MASK",
     "flags_from_status",
     "rinex_prn",
     "rinex_signal",
@@ -95,10 +94,6 @@ _FLAGS = np.array(
     ],
     dtype=np.uint16,
 )
-
-
-#: Bits of system (16-18) and signal type (21-25) in a channel tracking status word.
-SIGNAL_MASK = np.uint32(7 << 16 | 31 << 21)
 
 
 def system_from_status(status: npt.NDArray[np.uint32]) -> npt.NDArray[np.intp]:
