@@ -224,6 +224,14 @@ class SimgenBridgeNode(VtffNode):
         of_body = name in self._thrusts_along_body
         return f"{name}/propulsion/{'thrust_body' if of_body else 'thrust_applied'}"
 
+    def begin(self) -> None:
+        """Say that this node begins, and wait for the others from now on.
+
+        To make the other nodes of this process may have taken minutes: a first run compiles.
+        """
+        self._made = time.monotonic()
+        super().begin()
+
     def _start(self) -> None:
         # A timer that has expired twice calls back twice, even when the first call cancels it.
         if self._started or not self._graph_is_ready():
