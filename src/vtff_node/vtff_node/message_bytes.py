@@ -85,10 +85,7 @@ class MessageBytes:
         self._fields = tuple(_fields(message_type))
         # The length of a text or a sequence is a value of its own, before the content.
         paths = [path for field in self._fields for path in [field.path] * _count_values(field)]
-        getter = operator.attrgetter(*paths)
-        self._read_values: Callable[[Any], tuple[Any, ...]] = (
-            getter if len(paths) > 1 else lambda message: (getter(message),)
-        )
+        self._read_values = _reader(operator.attrgetter, paths)
         self._texts: list[int] = []
         self._sequences: list[int] = []
         self._arrays: list[int] = []
@@ -98,7 +95,11 @@ class MessageBytes:
             indices = {"text": self._texts, "sequence": self._sequences, "array": self._arrays}
             if field.kind in indices:
                 indices[field.kind].append(index - 1)
-        self._lengths = sorted(index - 1 for index in (*self._texts, *self._sequences))
+        lengths = sorted(index - 1 for index in (*self._texts, *self._sequences))
+        self._count_lengths = len(lengths)
+        self._read_lengths = _reader(operator.itemgetter, lengths)
+        # A stored message begins with the encapsulation.
+        self._read_stored_lengths = _reader(operator.itemgetter, [index + 1 for index in lengths])
         self._structs: dict[tuple[int, ...], struct.Struct] = {}
         # By size of the message: DDS fills texts of several lengths up to one size.
         self._structs_by_size: dict[int, list[tuple[struct.Struct, tuple[int, ...]]]] = {}
@@ -114,14 +115,14 @@ class MessageBytes:
         """
         values = list(self._read_values(message))
         for index in self._texts:
-            content = values[index].encode() + b"\0"
+            content = _encode(values[index])
             values[index], values[index - 1] = content, len(content)
         for index in self._sequences:
             values[index - 1] = len(values[index])
             values[index] = values[index].tobytes()
         for index in self._arrays:
             values[index] = values[index].tobytes()
-        lengths = tuple([values[index] for index in self._lengths])
+        lengths = self._read_lengths(values)
         layout = self._structs.get(lengths)
         if layout is None:
             layout = self._make_struct(lengths)
@@ -140,17 +141,13 @@ class MessageBytes:
         """
         for layout, lengths in self._structs_by_size.get(len(content), ()):
             values = layout.unpack_from(content)
-            if values[0] == _LITTLE_ENDIAN and self._lengths_in(values) == lengths:
+            if values[0] == _LITTLE_ENDIAN and self._read_stored_lengths(values) == lengths:
                 return self._build(values)
         # A new size, a text of a new length, or bytes of another machine.
         found = self._find_struct(content)
         if found is None:
             return deserialize_message(content, self._type)
         return self._build(found.unpack_from(content))
-
-    def _lengths_in(self, values: Sequence[Any]) -> tuple[int, ...]:
-        """Return the lengths of texts and sequences, which stand after the encapsulation."""
-        return tuple([values[index + 1] for index in self._lengths])
 
     def _make_struct(self, lengths: tuple[int, ...]) -> struct.Struct:
         """Return the layout for some lengths of texts and sequences, in the order of the fields.
@@ -190,11 +187,11 @@ class MessageBytes:
             return None
         lengths: tuple[int, ...] = ()
         layout = self._make_struct(lengths)
-        while len(lengths) < len(self._lengths) and layout.size <= len(content):
+        while len(lengths) < self._count_lengths and layout.size <= len(content):
             lengths = (*lengths, layout.unpack_from(content)[-1])
             layout = self._make_struct(lengths)
         # What is there beyond the last field fills the message up.
-        if len(lengths) < len(self._lengths) or layout.size > len(content):
+        if len(lengths) < self._count_lengths or layout.size > len(content):
             return None
         if sum(map(len, self._structs_by_size.values())) >= _KEPT_LAYOUTS:
             self._structs_by_size.clear()
@@ -209,6 +206,19 @@ def message_bytes(message_type: Any) -> MessageBytes | None:
         return MessageBytes(message_type)
     except TypeError:
         return None
+
+
+@functools.lru_cache(maxsize=256)
+def _encode(text: str) -> bytes:
+    return text.encode() + b"\0"
+
+
+def _reader(make: Callable[..., Any], places: Sequence[Any]) -> Callable[[Any], tuple[Any, ...]]:
+    """Return a function that reads a tuple, made by `operator.attrgetter` or `itemgetter`."""
+    if not places:
+        return lambda _: ()
+    read: Callable[[Any], Any] = make(*places)
+    return read if len(places) > 1 else lambda values: (read(values),)
 
 
 def _fields(message_type: Any, prefix: str = "") -> Iterator[_Field]:
@@ -304,5 +314,6 @@ def _content_builder(field: _Field, index: int) -> Callable[[Sequence[Any]], Any
         return lambda values: values[index][:-1].decode()
     if field.kind == "array":
         kind = np.dtype(field.format)
-        return lambda values: np.frombuffer(values[index], kind).copy()
+        # Of a bytearray, which may be written.
+        return lambda values: np.frombuffer(bytearray(values[index]), kind)
     return lambda values: array.array(field.format, values[index])

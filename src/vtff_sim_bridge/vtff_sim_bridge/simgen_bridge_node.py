@@ -443,13 +443,14 @@ class SimgenBridgeNode(VtffNode):
 
     def _on_thrust(self, name: str, message: AccelStamped) -> None:
         linear = message.accel.linear
-        if not all(math.isfinite(value) for value in (linear.x, linear.y, linear.z)):
+        acceleration = linear.x, linear.y, linear.z
+        if not all(map(math.isfinite, acceleration)):
             self._refused_thrust += 1
             self.get_logger().warning(
                 f"thrust of {name} is not finite: none is applied", throttle_duration_sec=5.0
             )
-            linear.x = linear.y = linear.z = 0.0
-        self._thrust[name].add(to_nanoseconds(message.header.stamp), (linear.x, linear.y, linear.z))
+            acceleration = 0.0, 0.0, 0.0
+        self._thrust[name].add(to_nanoseconds(message.header.stamp), acceleration)
         if self.lockstep:
             self._advance_when_complete()
 
@@ -570,9 +571,9 @@ class SimgenBridgeNode(VtffNode):
         status.header.stamp = stamp
         status.state = self._state
         status.step = max(0, self._step_source.step)
-        status.time_into_run = self._time_into_run()
+        status.time_into_run = time_into_run = self._time_into_run()
         status.late_commands = sum(buffer.late for buffer in self._thrust.values())
-        status.real_time_factor = status.time_into_run / elapsed if elapsed > 0.0 else 0.0
+        status.real_time_factor = time_into_run / elapsed if elapsed > 0.0 else 0.0
         status.wall_lag = self._wall_lag
         status.message = self.problem or (self._simgen.problem if self._simgen else "")
         self._status_publisher.publish(status)

@@ -104,15 +104,17 @@ class Thruster:
                 f"stuck_acceleration: three numbers (m/s2) expected, got {stuck_acceleration!r}"
             )
         self.isolated = np.zeros(3, dtype=bool)
-        self._stuck = stuck
+        self._stuck = stuck.tolist()
         self._can_stick = bool(stuck.any())
         self._stuck_after = round(stuck_after * 1e9)
         self._first_start: int | None = None
         self._delay = delay_steps * round(step * 1e9)
-        self._limit = self.acceleration_cap
-        if self.quantum > 0.0:
-            # 1.4 / 0.1 is 13.999...: the slack keeps a cap that is a multiple of the quantum.
-            self._limit = np.floor(self.acceleration_cap / quantum * (1.0 + 1e-12)) * quantum
+        self._caps = self.acceleration_cap.tolist()
+        # 1.4 / 0.1 is 13.999...: the slack keeps a cap that is a multiple of the quantum.
+        self._quantised_caps = [
+            float(np.floor(cap / quantum * (1.0 + 1e-12))) * quantum if quantum > 0.0 else cap
+            for cap in self._caps
+        ]
 
     def command(self, stamp: int, acceleration_rtn: npt.ArrayLike) -> AppliedThrust:
         """Schedule a command.
@@ -132,29 +134,36 @@ class Thruster:
         """
         start_stamp = stamp + self._delay
         wanted, reason = _usable_acceleration(acceleration_rtn)
-        limited = np.minimum(np.maximum(wanted, -self.acceleration_cap), self.acceleration_cap)
-        saturated = limited.tolist() != wanted.tolist()
+        limited = _limit(wanted, self._caps)
+        saturated = limited != wanted
         if self.quantum > 0.0:
-            limited = np.rint(limited / self.quantum) * self.quantum
-            limited = np.clip(limited, -self._limit, self._limit)
+            rounded = [round(value / self.quantum) * self.quantum for value in limited]
+            limited = _limit(rounded, self._quantised_caps)
         if self._first_start is None:
             self._first_start = start_stamp
         if self._can_stick and start_stamp - self._first_start >= self._stuck_after:
-            limited = np.where(self._stuck != 0.0, self._stuck, limited)
-        if True in self.isolated.tolist():
-            limited = np.where(self.isolated, 0.0, limited)
+            limited = [fault or value for fault, value in zip(self._stuck, limited, strict=True)]
+        given = zip(self.isolated.tolist(), limited, strict=True)
         # Adding zero turns a negative zero into a positive one: equal thrust, equal bytes.
-        return AppliedThrust(start_stamp, limited + 0.0, saturated, reason)
+        acceleration = np.array(
+            [0.0 if is_isolated else value + 0.0 for is_isolated, value in given]
+        )
+        return AppliedThrust(start_stamp, acceleration, saturated, reason)
 
 
-def _usable_acceleration(values: npt.ArrayLike) -> tuple[FloatArray, str]:
+def _limit(values: Sequence[float], caps: Sequence[float]) -> list[float]:
+    """Return numbers limited to caps on either side of zero."""
+    return [min(max(value, -cap), cap) for value, cap in zip(values, caps, strict=True)]
+
+
+def _usable_acceleration(values: npt.ArrayLike) -> tuple[list[float], str]:
     """Return three finite numbers and no reason, or zeros and the reason."""
     try:
         acceleration = np.asarray(values, dtype=float)
     except (TypeError, ValueError, OverflowError):
-        return np.zeros(3), "thrust command: not numeric"
+        return [0.0] * 3, "thrust command: not numeric"
     if acceleration.shape != (3,):
-        return np.zeros(3), f"thrust command: shape (3,) expected, got {acceleration.shape}"
+        return [0.0] * 3, f"thrust command: shape (3,) expected, got {acceleration.shape}"
     if not is_finite(acceleration):
-        return np.zeros(3), "thrust command: not finite"
-    return acceleration, ""
+        return [0.0] * 3, "thrust command: not finite"
+    return acceleration.tolist(), ""

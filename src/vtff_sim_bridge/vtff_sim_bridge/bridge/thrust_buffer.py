@@ -71,7 +71,6 @@ class ThrustBuffer:
                 thrust = self._scheduled[newest]
         self.is_stale = thrust is None and self.received > 0 and not exactly
         oldest_kept = stamp_nanoseconds - self._stale_after
-        self._scheduled = {
-            start: value for start, value in self._scheduled.items() if start >= oldest_kept
-        }
+        for start in [start for start in self._scheduled if start < oldest_kept]:
+            del self._scheduled[start]
         return thrust
