@@ -23,6 +23,7 @@ from hypothesis import strategies as st
 from novatel_edie import oem
 
 import vtff_gnss
+from vtff_dynamics.time.timescales import GpsTime
 from vtff_gnss import constants as c
 from vtff_gnss import fix as f
 from vtff_gnss.ephemeris import (
@@ -37,6 +38,12 @@ from vtff_gnss.novatel.definitions import MessageDecoder
 from vtff_gnss.novatel.framing import crc32_novatel
 from vtff_gnss.novatel.message_ids import PAYLOAD_LAYOUTS
 from vtff_gnss.novatel.range.range_logs import RANGE_RECORD
+from vtff_gnss.novatel.solution_logs import (
+    fix_from_bestxyz,
+    fix_from_payload,
+    receiver_time,
+    receiver_time_from_payload,
+)
 from vtff_gnss.observations import OBSERVATION_COLUMNS, ObservationEpoch
 from vtff_gnss.orbits.lnav import SubframeError, decode_subframes
 from vtff_gnss.signals import carrier_wavelength, satellite_name
@@ -161,6 +168,59 @@ def test_fix_is_not_held_back_beyond_its_epoch():
 def test_clock_offset_of_another_epoch_or_an_invalid_clock_is_not_joined():
     assert math.isnan(events_of(clock(1000.0) + xyz(2000.0))[1].clock_offset)
     assert math.isnan(events_of(clock(clock_model_status=3) + xyz())[1].clock_offset)
+
+
+def solution_frame(generator, message_id, length, places):
+    """Return a BESTXYZ or TIME with any bits; statuses and types have names, or seldom not."""
+    payload = bytearray(generator.bytes(length))
+    greatest = 100 if generator.random() < 0.9 else 2**32 - 1
+    for place in places:
+        number = int(generator.choice([0, 0, 0, generator.integers(0, greatest, dtype=np.uint32)]))
+        payload[place : place + 4] = number.to_bytes(4, "little")
+    frame = bytearray(binary_frame(message_id, bytes(payload)))
+    definition = generator.choice([0, 17615, 48615, 64193, 39204, 5])
+    frame[24:26] = int(definition).to_bytes(2, "little")
+    return bytes(frame[:-4]) + struct.pack("<I", crc32_novatel(bytes(frame[:-4])))
+
+
+def test_fix_and_time_from_bytes_are_those_of_novatel_edie():
+    generator = np.random.default_rng(1)
+    decoder, time = MessageDecoder(), GpsTime.from_week_tow(2200, 345600.0)
+    taken = {ids.ID_BESTXYZ: 0, ids.ID_TIME: 0}
+    for _ in range(1500):
+        frame = solution_frame(generator, ids.ID_BESTXYZ, 112, (0, 4, 44, 48))
+        fix = fix_from_payload(frame[28:-4], time)
+        if fix is not None:
+            taken[ids.ID_BESTXYZ] += 1
+            assert repr(fix) == repr(fix_from_bestxyz(decoder.decode(frame), time))
+        frame = solution_frame(generator, ids.ID_TIME, 44, (0, 40))
+        clock_time = receiver_time_from_payload(frame[28:-4], time)
+        if clock_time is not None:
+            taken[ids.ID_TIME] += 1
+            assert repr(clock_time) == repr(receiver_time(decoder.decode(frame), time))
+    assert min(taken.values()) > 500
+    assert fix_from_payload(bytes(113), time) is None
+    assert receiver_time_from_payload(bytes(43), time) is None
+
+
+def test_all_that_novatel_has_published_of_fix_and_time_has_one_layout():
+    """What the bytes are read by; a new definition of novatel_edie shows here."""
+    database = oem.get_builtin_database()
+    kinds = {}
+    for message_id in (ids.ID_BESTXYZ, ids.ID_TIME):
+        definitions = database.get_msg_def(message_id).fields.values()
+        layouts = {
+            tuple(str(field.data_type).replace("UCHAR", "CHAR") for field in fields)
+            for fields in definitions
+        }
+        (kinds[message_id],) = layouts
+    enumeration, double, single, byte = "UNKNOWN", "DOUBLE", "FLOAT", "CHAR"
+    motion = [enumeration] * 2 + [double] * 3 + [single] * 3
+    # The station is one array of 4 bytes.
+    assert kinds[ids.ID_BESTXYZ] == (*motion, *motion, byte, *[single] * 3, *[byte] * 8)
+    assert kinds[ids.ID_TIME] == (
+        enumeration, *[double] * 3, "ULONG", *[byte] * 4, "ULONG", enumeration,
+    )  # fmt: skip
 
 
 def test_logs_before_the_receiver_knows_the_time_are_counted():

@@ -44,6 +44,11 @@ class RangeSeries:
         Frames of the logs.
     flags : ndarray of uint16, shape (k, n)
         ``FLAG_*``, or-ed.
+
+    Attributes
+    ----------
+    times : list of int
+        The same as `nanoseconds`, as numbers of Python.
     """
 
     def __init__(
@@ -56,6 +61,7 @@ class RangeSeries:
         flags: npt.NDArray[np.uint16],
     ) -> None:
         self.nanoseconds = nanoseconds
+        self.times: list[int] = nanoseconds.tolist()
         self.time_status = time_status
         self.receiver_status = receiver_status
         self.names = names
@@ -64,7 +70,7 @@ class RangeSeries:
 
     def __len__(self) -> int:
         """Return the number of logs."""
-        return len(self.nanoseconds)
+        return len(self.times)
 
     def write_columns(self, rows: npt.NDArray[np.uint8], starts: npt.NDArray[np.int64]) -> None:
         """Write what was measured into rows of bytes, in the byte order of x86.
@@ -90,10 +96,7 @@ class RangeSeries:
             for start, kind in zip(starts.tolist(), OBSERVATION_COLUMNS.values(), strict=True)
         ]
         heads = zip(
-            self.nanoseconds.tolist(),
-            self.time_status.tolist(),
-            self.receiver_status.tolist(),
-            strict=True,
+            self.times, self.time_status.tolist(), self.receiver_status.tolist(), strict=True
         )
         return [
             ObservationEpoch(

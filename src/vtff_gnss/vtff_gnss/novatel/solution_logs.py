@@ -1,12 +1,13 @@
 """Ephemeris, position and time logs to dataclasses.
 
-`message` is a message of novatel_edie. Field names differ between the definitions of one log;
-both spellings are read.
+A `payload` is that of a binary log, a `message` is a message of novatel_edie. Field names differ
+between the definitions of one log; both spellings are read.
 """
 
 from __future__ import annotations
 
 import math
+import struct
 from typing import Any
 
 from vtff_dynamics.time.timescales import GpsTime
@@ -24,16 +25,31 @@ from vtff_gnss.orbits.lnav import SUBFRAME_LENGTH, decode_subframes
 
 __all__ = [
     "fix_from_bestxyz",
+    "fix_from_payload",
     "galileo_ephemeris",
     "glonass_ephemeris",
     "gps_ephemeris",
     "gps_ephemeris_from_subframes",
     "receiver_time",
+    "receiver_time_from_payload",
 ]
+
+_SixNumbers = tuple[float, float, float, float, float, float]
 
 _NAN3 = (math.nan, math.nan, math.nan)
 _SOLUTION_COMPUTED = 0
 _CLOCK_MODEL_VALID = 0
+
+# All definitions that NovAtel has published of these two logs have the same layout: for position
+# and then velocity status, type, coordinates and their standard deviations; station; latency, two
+# ages; satellites tracked and used. Status of the clock model, three offsets; UTC.
+_BESTXYZ = struct.Struct("<II3d3fII3d3f4xf8xBB6x")
+_TIME = struct.Struct("<I3d16x")
+_NAMED_STATUSES = frozenset(range(26))
+_NAMED_TYPES = frozenset(
+    (*range(7), 8, *range(16, 21), *range(32, 36), *range(46, 60), *range(64, 83))
+)
+_NAMED_CLOCK_MODELS = frozenset(range(6))
 
 # NovAtel "Position or Velocity Type" to STATUS_*; other types than these are STATUS_SINGLE.
 _STATUS_BY_TYPE = {
@@ -148,28 +164,77 @@ def glonass_ephemeris(message: Any, time: GpsTime) -> GlonassEphemeris:
 
 def fix_from_bestxyz(message: Any, time: GpsTime) -> Fix:
     """Convert BESTXYZ; without a solution, position and velocity are NaN."""
-    solution_type = int(message.position_type)
-    is_computed = int(message.solution_status) == _SOLUTION_COMPUTED
+    return _make_fix(
+        time,
+        (int(message.solution_status), int(message.position_type)),
+        (message.x, message.y, message.z, message.x_std_dev, message.y_std_dev, message.z_std_dev),
+        (
+            int(_field(message, "status", "velocity_status")),
+            int(_field(message, "type", "velocity_type")),
+        ),
+        (
+            message.x_1, message.y_1, message.z_1,
+            message.x_std_dev_1, message.y_std_dev_1, message.z_std_dev_1,
+        ),
+        (message.latency, message.num_svs, message.num_soln_svs),
+    )  # fmt: skip
+
+
+def fix_from_payload(payload: bytes, time: GpsTime) -> Fix | None:
+    """Convert the payload of a binary BESTXYZ to what novatel_edie and `fix_from_bestxyz` make.
+
+    Returns
+    -------
+    Fix or None
+        None for another length, and for a status or a type without a name, which novatel_edie has
+        to judge.
+    """
+    if len(payload) != _BESTXYZ.size:
+        return None
+    fields = _BESTXYZ.unpack(payload)
+    is_named = fields[0] in _NAMED_STATUSES and fields[1] in _NAMED_TYPES
+    if not is_named or fields[8] not in _NAMED_STATUSES or fields[9] not in _NAMED_TYPES:
+        return None
+    return _make_fix(time, fields[:2], fields[2:8], fields[8:10], fields[10:16], fields[16:])
+
+
+def _make_fix(
+    time: GpsTime,
+    kind: tuple[int, int],
+    position: _SixNumbers,
+    velocity_kind: tuple[int, int],
+    velocity: _SixNumbers,
+    rest: tuple[float, int, int],
+) -> Fix:
+    """Return the fix of the fields of BESTXYZ.
+
+    Parameters
+    ----------
+    kind, velocity_kind
+        Solution status and type.
+    position, velocity
+        Three coordinates and their standard deviations, m and m/s.
+    rest
+        Latency of the velocity, s; satellites tracked and used.
+    """
+    solution_status, solution_type = kind
+    velocity_status, velocity_type = velocity_kind
+    is_computed = solution_status == _SOLUTION_COMPUTED
     status = _STATUS_BY_TYPE.get(solution_type, f.STATUS_SINGLE) if is_computed else f.STATUS_NONE
-    velocity_status = int(_field(message, "status", "velocity_status"))
-    velocity_type = int(_field(message, "type", "velocity_type"))
     has_position = status != f.STATUS_NONE
     has_velocity = has_position and velocity_status == _SOLUTION_COMPUTED and velocity_type != 0
-    position = (message.x, message.y, message.z)
-    position_sigma = (message.x_std_dev, message.y_std_dev, message.z_std_dev)
-    velocity = (message.x_1, message.y_1, message.z_1)
-    velocity_sigma = (message.x_std_dev_1, message.y_std_dev_1, message.z_std_dev_1)
+    latency, satellites_tracked, satellites_used = rest
     return Fix(
         time=time,
         status=status,
         receiver_solution_type=solution_type,
-        position=position if has_position else _NAN3,
-        velocity=velocity if has_velocity else _NAN3,
-        position_sigma=position_sigma if has_position else _NAN3,
-        velocity_sigma=velocity_sigma if has_velocity else _NAN3,
-        velocity_latency=message.latency,
-        satellites_tracked=message.num_svs,
-        satellites_used=message.num_soln_svs,
+        position=position[:3] if has_position else _NAN3,
+        velocity=velocity[:3] if has_velocity else _NAN3,
+        position_sigma=position[3:] if has_position else _NAN3,
+        velocity_sigma=velocity[3:] if has_velocity else _NAN3,
+        velocity_latency=latency,
+        satellites_tracked=satellites_tracked,
+        satellites_used=satellites_used,
         clock_offset=math.nan,
         clock_offset_sigma=math.nan,
     )
@@ -184,6 +249,23 @@ def receiver_time(message: Any, time: GpsTime) -> ReceiverTime:
         clock_offset_sigma=message.offset_std,
         utc_offset=message.utc_offset,
     )
+
+
+def receiver_time_from_payload(payload: bytes, time: GpsTime) -> ReceiverTime | None:
+    """Convert the payload of a binary TIME to what novatel_edie and `receiver_time` make.
+
+    Returns
+    -------
+    ReceiverTime or None
+        None for another length, and for a clock model without a name, which novatel_edie has to
+        judge.
+    """
+    if len(payload) != _TIME.size:
+        return None
+    clock_model, offset, offset_sigma, utc_offset = _TIME.unpack(payload)
+    if clock_model not in _NAMED_CLOCK_MODELS:
+        return None
+    return ReceiverTime(time, clock_model == _CLOCK_MODEL_VALID, offset, offset_sigma, utc_offset)
 
 
 def _common_elements(message: Any) -> dict[str, float]:

@@ -38,11 +38,13 @@ from vtff_gnss.novatel.range.signal_records import SignalRecords, epoch_from_rec
 from vtff_gnss.novatel.range_series import RangeSeries, decode_range_series
 from vtff_gnss.novatel.solution_logs import (
     fix_from_bestxyz,
+    fix_from_payload,
     galileo_ephemeris,
     glonass_ephemeris,
     gps_ephemeris,
     gps_ephemeris_from_subframes,
     receiver_time,
+    receiver_time_from_payload,
 )
 from vtff_gnss.novatel.version_log import decode_version
 
@@ -57,6 +59,11 @@ _EPHEMERIS_DECODERS = {
     ids.ID_GALINAVEPHEMERIS: galileo_ephemeris,
     ids.ID_GALFNAVEPHEMERIS: galileo_ephemeris,
 }
+_SOLUTION_DECODERS: dict[int, Callable[[bytes, GpsTime], Fix | ReceiverTime | None]] = {
+    ids.ID_BESTXYZ: fix_from_payload,
+    ids.ID_TIME: receiver_time_from_payload,
+}
+_MESSAGE_TYPE_PLACE = 6  # in a header; 0 is a binary log of the first antenna
 
 
 class ReceiverLogStream:
@@ -188,13 +195,18 @@ class ReceiverLogStream:
             return self._ionosphere(log, log.time)
         if log.message_id == ids.ID_RAWEPHEM:
             return self._if_new(gps_ephemeris_from_subframes(log.payload, log.time))
+        if log.message_id in _SOLUTION_DECODERS and log.content[_MESSAGE_TYPE_PLACE] == 0:
+            # These two come every second; novatel_edie takes twenty times as long.
+            solution = _SOLUTION_DECODERS[log.message_id](log.payload, log.time)
+            if solution is not None:
+                return self._solutions.add(solution)
         message = self._messages.decode(log.content)
         if message is None:
             raise ValueError(f"{log_name(log.message_id)}: does not fit its definition")
         if log.message_id == ids.ID_BESTXYZ:
-            return self._solutions.add_fix(fix_from_bestxyz(message, log.time))
+            return self._solutions.add(fix_from_bestxyz(message, log.time))
         if log.message_id == ids.ID_TIME:
-            return self._solutions.add_time(receiver_time(message, log.time))
+            return self._solutions.add(receiver_time(message, log.time))
         if log.message_id == ids.ID_GLOEPHEMERIS:
             ephemeris = glonass_ephemeris(message, log.time)
             self._glonass_channels.learn(ephemeris.prn, ephemeris.glonass_channel)
@@ -265,7 +277,12 @@ class _SolutionJoiner:
         """Whether a fix is held back."""
         return self._held_fix is not None
 
-    def add_fix(self, fix: Fix) -> list[Event]:
+    def add(self, solution: Fix | ReceiverTime) -> list[Event]:
+        if isinstance(solution, Fix):
+            return self._add_fix(solution)
+        return self._add_time(solution)
+
+    def _add_fix(self, fix: Fix) -> list[Event]:
         events = self.release()
         self._last_fix_time = fix.time
         if self._time is not None and self._time.time == fix.time:
@@ -275,7 +292,7 @@ class _SolutionJoiner:
             return events
         return [*events, fix]
 
-    def add_time(self, time: ReceiverTime) -> list[Event]:
+    def _add_time(self, time: ReceiverTime) -> list[Event]:
         self._time = time
         self._time_follows_fix = time.time == self._last_fix_time
         if self._held_fix is None:
@@ -361,7 +378,8 @@ def split_series(events: Iterable[Event | RangeSeries]) -> list[Event]:
 def _with_clock(fix: Fix, time: ReceiverTime) -> Fix:
     if not time.is_valid:
         return fix
-    return replace(fix, clock_offset=time.clock_offset, clock_offset_sigma=time.clock_offset_sigma)
+    offset = {"clock_offset": time.clock_offset, "clock_offset_sigma": time.clock_offset_sigma}
+    return Fix(**(vars(fix) | offset))
 
 
 def _command_response(log: BinaryLog) -> CommandResponse:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from rclpy.duration import Duration
 from rclpy.publisher import Publisher
 
@@ -97,10 +99,7 @@ class EventPublisher:
         if isinstance(event, RangeSeries):
             self._publish_series(event)
         elif isinstance(event, ObservationEpoch):
-            if not self._is_repeated(event.time.nanoseconds):
-                self._begin_epoch(event.time.nanoseconds, len(event))
-                message = serialize_observations(event, self._frame_id)
-                self._publish_observations(event.time.nanoseconds, message)
+            self._publish_epoch(event)
         elif isinstance(event, Fix):
             self.published["fixes"] += 1
             self._fix.publish(fix_to_message(event))
@@ -136,44 +135,45 @@ class EventPublisher:
             self._epoch.publish_bytes(message)
 
     def _publish_series(self, series: RangeSeries) -> None:
-        count = len(series.names)
         try:
             messages = serialize_series(series, self._frame_id)
-        except ValueError:  # up to the first time that no stamp can hold
+        except ValueError:  # a time that no stamp can hold: those before it are published
             for epoch in series.epochs():
-                self.publish(epoch)
-            return
-        for nanoseconds, message in zip(series.nanoseconds.tolist(), messages, strict=True):
-            if not self._is_repeated(nanoseconds):
-                self._begin_epoch(nanoseconds, count)
-                self._publish_observations(nanoseconds, message)
+                self._publish_epoch(epoch)
+        else:
+            self._publish_observations(series.times, messages, len(series.names))
 
-    def _is_repeated(self, nanoseconds: int) -> bool:
-        """Return whether an epoch came before in another format; count it then.
-
-        RANGE and RANGECMP may be in one log. An epoch without signals does not count: RANGECMP4
-        cannot be decoded without its reference.
-        """
-        is_repeated = nanoseconds == self._last_nanoseconds
-        self.left_out["epochs repeated"] += is_repeated
-        return is_repeated
-
-    def _begin_epoch(self, nanoseconds: int, count: int) -> None:
-        """Note the time and the number of signals of an epoch, which ends the one before."""
-        if self._held is not None:
+    def _publish_epoch(self, epoch: ObservationEpoch) -> None:
+        nanoseconds = epoch.time.nanoseconds
+        if nanoseconds != self._last_nanoseconds:
             self.release_epoch()
-        self._last_nanoseconds = nanoseconds if count else None
-        self.published["epochs"] += 1
+        message = serialize_observations(epoch, self._frame_id)
+        self._publish_observations([nanoseconds], [message], len(epoch))
 
-    def _publish_observations(self, nanoseconds: int, message: bytes) -> None:
-        if self._unconfirmed:
-            self._confirm_ephemerides()
-        self._high_rate.publish_bytes(message)
-        second, remainder = divmod(nanoseconds, NANOSECONDS_PER_SECOND)
-        if remainder == 0:
-            self._held = (second, message)
-            if not self._holds_epoch:
+    def _publish_observations(
+        self, times: Sequence[int], messages: Sequence[bytes], count: int
+    ) -> None:
+        """Publish epochs at times in ns since 1980-01-06 (GPS), with `count` signals each."""
+        # This is done 20 times a second for each receiver.
+        publish = self._high_rate.publish_bytes
+        for nanoseconds, message in zip(times, messages, strict=True):
+            if nanoseconds == self._last_nanoseconds:
+                # The same epoch came in a second format, e.g. RANGE and RANGECMP in one log. An
+                # epoch without signals does not count: RANGECMP4 cannot be decoded without its
+                # reference.
+                self.left_out["epochs repeated"] += 1
+                continue
+            if self._held is not None:
                 self.release_epoch()
+            if self._unconfirmed:
+                self._confirm_ephemerides()
+            publish(message)
+            self._last_nanoseconds = nanoseconds if count else None
+            self.published["epochs"] += 1
+            if nanoseconds % NANOSECONDS_PER_SECOND == 0:
+                self._held = (nanoseconds // NANOSECONDS_PER_SECOND, message)
+                if not self._holds_epoch:
+                    self.release_epoch()
 
     def _confirm_ephemerides(self) -> None:
         """In lockstep, wait until the subscribers have all ephemerides that were published."""

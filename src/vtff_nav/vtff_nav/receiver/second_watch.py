@@ -87,7 +87,7 @@ class SecondWatch:
             if isinstance(event, self._end_type):
                 self._note_end(event.time.nanoseconds)
             elif isinstance(event, RangeSeries) and self._end_type is ObservationEpoch:
-                self._note_end(int(event.nanoseconds.max()))
+                self._note_end(max(event.times))
 
     def _note_end(self, nanoseconds: int) -> None:
         self.newest_end = max(self.newest_end, nanoseconds // NANOSECONDS_PER_SECOND)

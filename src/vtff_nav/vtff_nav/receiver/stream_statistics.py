@@ -59,25 +59,23 @@ class StreamStatistics:
         times: list[int] = []
         for event in events:
             if isinstance(event, RangeSeries):
-                times += event.nanoseconds.tolist()
+                times += event.times
                 self._newest = event
             elif isinstance(event, ObservationEpoch):
                 times.append(event.time.nanoseconds)
                 self._newest = event
             elif isinstance(event, ReceiverTime):
                 self._time = event
-        for number, time in enumerate(times, 1):
-            self._add_epoch(time, self._bytes + byte_count * number // len(times))
-        self._bytes += byte_count
-
-    def _add_epoch(self, time: int, byte_count: int) -> None:
         epochs = self._epochs
-        if epochs and not 0 <= time - epochs[-1][0] <= NANOSECONDS_PER_SECOND:
-            epochs.clear()  # rates are computed within one sequence without a gap
-        if not epochs or time > epochs[-1][0]:
-            epochs.append((time, byte_count))
-        while time - epochs[0][0] > WINDOW_SECONDS * NANOSECONDS_PER_SECOND:
+        for number, time in enumerate(times, 1):
+            newest = epochs[-1][0] if epochs else time
+            if not 0 <= time - newest <= NANOSECONDS_PER_SECOND:
+                epochs.clear()  # rates are computed within one sequence without a gap
+            if not epochs or time > newest:
+                epochs.append((time, self._bytes + byte_count * number // len(times)))
+        while times and times[-1] - epochs[0][0] > WINDOW_SECONDS * NANOSECONDS_PER_SECOND:
             epochs.popleft()
+        self._bytes += byte_count
 
     def rates(self) -> tuple[float, float]:
         """Return epochs/s and bytes/s of receiver time; NaN with fewer than two epochs."""

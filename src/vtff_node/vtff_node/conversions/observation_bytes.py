@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import functools
 import struct
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -25,7 +26,7 @@ from vtff_dynamics.time.timescales import GpsTime
 from vtff_gnss.novatel import RangeSeries
 from vtff_gnss.novatel.range.signal_records import MEASURED_COLUMNS, SignalNames
 from vtff_gnss.observations import OBSERVATION_COLUMNS, ObservationEpoch
-from vtff_node.stamps import to_stamp
+from vtff_node.stamps import fits_stamp, to_stamp
 
 __all__ = ["serialize_observations", "serialize_series"]
 
@@ -90,38 +91,28 @@ def serialize_series(series: RangeSeries, frame_id: str) -> list[bytes]:
     ValueError
         If a time does not fit a stamp.
     """
+    offset = _unix_offset(series.times)
+    if offset is None:
+        return [serialize_observations(epoch, frame_id) for epoch in series.epochs()]
     template, heads, columns = _series_layout(frame_id, series.names)
     rows = np.empty((len(series), len(template)), dtype=np.uint8)
     rows[:] = template
     series.write_columns(rows, columns)
-    _write_heads(
-        rows,
-        heads,
-        _unix_nanoseconds(series.nanoseconds),
-        series.nanoseconds,
-        series.time_status,
-        series.receiver_status,
-    )
+    status = series.time_status, series.receiver_status
+    _write_heads(rows, heads, offset, series.nanoseconds, *status)
     content = rows.tobytes()
     return [content[k : k + len(template)] for k in range(0, len(content), len(template))]
 
 
-def _unix_nanoseconds(nanoseconds: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
-    """Return Unix times (ns since 1970) of times in ns since 1980-01-06 (GPS).
+def _unix_offset(times: Sequence[int]) -> int | None:
+    """Return Unix times less GPS times of some times in ns since 1980-01-06 (GPS).
 
-    Raises
-    ------
-    ValueError
-        If a time does not fit a stamp.
+    None if a leap second is between them, or one does not fit a stamp.
     """
-    ends = [GpsTime(int(time)) for time in (nanoseconds.min(), nanoseconds.max())]
-    unix = [time.to_unix_nanoseconds() for time in ends]
-    for time in unix:
-        to_stamp(time)
-    first, last = (after - before.nanoseconds for after, before in zip(unix, ends, strict=True))
-    if first == last:  # no leap second between them
-        return nanoseconds + first
-    return np.array([GpsTime(time).to_unix_nanoseconds() for time in nanoseconds.tolist()])
+    ends = min(times), max(times)
+    unix = [GpsTime(time).to_unix_nanoseconds() for time in ends]
+    first, last = (after - before for after, before in zip(unix, ends, strict=True))
+    return first if first == last and all(map(fits_stamp, unix)) else None
 
 
 @functools.lru_cache(maxsize=64)
@@ -164,7 +155,7 @@ def _write_integer(row, position, number, size):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _write_heads(rows, heads, unix, gps, time_status, receiver_status):  # type: ignore[no-untyped-def]
+def _write_heads(rows, heads, unix_offset, gps, time_status, receiver_status):  # type: ignore[no-untyped-def]
     """Write the fields of messages that are not in columns.
 
     Parameters
@@ -172,8 +163,10 @@ def _write_heads(rows, heads, unix, gps, time_status, receiver_status):  # type:
     rows : ndarray of uint8, shape (k, size)
     heads : ndarray of int64, shape (5,)
         See `_series_layout`.
-    unix, gps : ndarray of int64, shape (k,)
-        Times, ns since 1970 (UTC without leap seconds) and since 1980-01-06 (GPS).
+    unix_offset : int
+        Unix times less GPS times, ns.
+    gps : ndarray of int64, shape (k,)
+        Times, ns since 1980-01-06 (GPS).
     time_status, receiver_status : ndarray of uint8 and uint32, shape (k,)
     """
     time_of_week = np.empty(1)
@@ -182,7 +175,7 @@ def _write_heads(rows, heads, unix, gps, time_status, receiver_status):  # type:
         row = rows[index]
         week, rest = divmod(gps[index], NANOSECONDS_PER_SECOND * SECONDS_PER_WEEK)
         time_of_week[0] = rest / NANOSECONDS_PER_SECOND
-        seconds, remainder = divmod(unix[index], NANOSECONDS_PER_SECOND)
+        seconds, remainder = divmod(gps[index] + unix_offset, NANOSECONDS_PER_SECOND)
         _write_integer(row, heads[0], seconds, 4)
         _write_integer(row, heads[0] + 4, remainder, 4)
         _write_integer(row, heads[1], week, 2)
