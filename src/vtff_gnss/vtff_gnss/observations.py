@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from typing import Any
+from typing import Any, overload
 
 import numpy as np
 import numpy.typing as npt
 
 from vtff_dynamics.time.timescales import GpsTime
 
-__all__ = ["OBSERVATION_COLUMNS", "ObservationEpoch", "ObservationSeries"]
+__all__ = ["OBSERVATION_COLUMNS", "EpochTimes", "ObservationEpoch", "ObservationSeries"]
 
 OBSERVATION_COLUMNS: dict[str, type[np.generic]] = {
     "system": np.uint8,
@@ -123,6 +123,40 @@ class ObservationEpoch(_ObservationColumns):
     def columns(self) -> dict[str, npt.NDArray[np.generic]]:
         """Return all columns by name."""
         return {name: getattr(self, name) for name in OBSERVATION_COLUMNS}
+
+
+class EpochTimes(Sequence[GpsTime]):
+    """Times of epochs, which become objects when they are asked for.
+
+    Parameters
+    ----------
+    nanoseconds : sequence of int
+        GPS times, ns since 1980-01-06.
+
+    Attributes
+    ----------
+    nanoseconds : list of int
+        The same.
+    """
+
+    def __init__(self, nanoseconds: Sequence[int]) -> None:
+        self.nanoseconds = list(nanoseconds)
+
+    def __len__(self) -> int:
+        """Return the number of epochs."""
+        return len(self.nanoseconds)
+
+    @overload
+    def __getitem__(self, index: int) -> GpsTime: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> EpochTimes: ...
+
+    def __getitem__(self, index: int | slice) -> GpsTime | EpochTimes:
+        """Return the time of an epoch, or the times of some."""
+        if isinstance(index, slice):
+            return EpochTimes(self.nanoseconds[index])
+        return GpsTime(self.nanoseconds[index])
 
 
 _SIGNAL_COLUMNS = ("system", "prn", "band", "attribute", "glonass_channel")

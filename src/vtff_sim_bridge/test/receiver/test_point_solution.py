@@ -18,6 +18,7 @@ def equations(count, excess=0.0):
         excess=np.full((1, count), excess) * np.arange(count),
         sigma=np.full((1, count), 2.0),
         system=np.zeros(count, dtype=int),
+        systems=np.zeros(1, dtype=int),
     )
 
 

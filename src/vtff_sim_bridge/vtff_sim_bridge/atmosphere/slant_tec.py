@@ -151,15 +151,21 @@ class SlantTecIntegrator:
             )
         receiver = np.ascontiguousarray(receiver.reshape(-1, 3))
         satellite_of_receiver = satellite.reshape(-1, satellite.shape[-2], 3)
-        radius, start, end, perigee_squared, scale = ray_geometry(
-            receiver, satellite_of_receiver, self._stretch
+        radius, start, end, perigee_squared, scale, is_whole = ray_geometry(
+            receiver,
+            satellite_of_receiver,
+            self._stretch,
+            self._radius + self.profile.altitude_top,
         )
+        if is_whole:
+            content: FloatArray = self._content_above(radius, start) * scale
+            return content.reshape(satellite.shape[:-1]) / ELECTRONS_PER_TECU
         if np.isnan(scale).any():
             raise ValueError(
                 "position_receiver_itrf, position_satellite_itrf: positions must be finite and "
                 "receiver and satellite apart"
             )
-        content: FloatArray = self._signed_content(radius, start, perigee_squared, end) * scale
+        content = self._signed_content(radius, start, perigee_squared, end) * scale
         return content.reshape(satellite.shape[:-1]) / ELECTRONS_PER_TECU
 
     def _signed_content(
@@ -198,7 +204,7 @@ class SlantTecIntegrator:
         """
         profile = self.profile
         # Below the profile nothing is to be integrated.
-        altitude, nearest, low = rise_from_perigee(
+        altitude, nearest, low, is_any_low, is_above = rise_from_perigee(
             radius,
             start,
             self._radius,
@@ -207,13 +213,13 @@ class SlantTecIntegrator:
             profile.altitude_top,
         )
         content = self._content_far(radius, start, altitude, nearest)
-        if low.any():
+        if is_any_low:
             row = np.nonzero(low)[0]
             content[low] = self._content_low(
                 radius[row], start[low][:, None], altitude[row], nearest[row]
             )
         # Above the profile there is nothing, also for rays that are level there.
-        return np.where(altitude < profile.altitude_top, content, 0.0)
+        return np.where(altitude < profile.altitude_top, content, 0.0) if is_above else content
 
     def _content_low(
         self, radius: FloatArray, start: FloatArray, altitude: FloatArray, nearest: FloatArray

@@ -20,7 +20,7 @@ _CELL_RATIO = 1.25
 
 
 @compiled
-def ray_geometry(receiver, satellite, stretch):  # type: ignore[no-untyped-def]
+def ray_geometry(receiver, satellite, stretch, radius_top):  # type: ignore[no-untyped-def]
     """Return where rays begin and end, in axes in which surfaces of equal density are spheres.
 
     Parameters
@@ -31,6 +31,8 @@ def ray_geometry(receiver, satellite, stretch):  # type: ignore[no-untyped-def]
         m.
     stretch : ndarray, shape (3,)
         By which these axes are longer.
+    radius_top : float
+        Where the profile ends, m.
 
     Returns
     -------
@@ -42,7 +44,10 @@ def ray_geometry(receiver, satellite, stretch):  # type: ignore[no-untyped-def]
         Square of the distance of those from the centre, m2.
     scale : ndarray, shape (m, n)
         Length of the rays over that in the stretched axes; NaN where they have none.
+    is_whole : bool
+        Whether all rays are valid, rise from the beginning on and end above the profile.
     """
+    is_whole = True
     count, rays = satellite.shape[:2]
     radius = np.empty((count, 1))
     start, end = np.empty((count, rays)), np.empty((count, rays))
@@ -59,13 +64,17 @@ def ray_geometry(receiver, satellite, stretch):  # type: ignore[no-untyped-def]
             stretched = math.sqrt(x * x + y * y + z * z)
             if not 0.0 < length < math.inf:
                 start[k, n] = end[k, n] = perigee_squared[k, n] = scale[k, n] = math.nan
+                is_whole = False
                 continue
             along = (sx * x + sy * y + sz * z) / stretched
             start[k, n] = along
             end[k, n] = along + stretched
-            perigee_squared[k, n] = (distance - along) * (distance + along)
+            squared = (distance - along) * (distance + along)
+            perigee_squared[k, n] = squared
             scale[k, n] = length / stretched
-    return radius, start, end, perigee_squared, scale
+            is_above = math.sqrt(squared + end[k, n] * end[k, n]) >= radius_top
+            is_whole = is_whole and along >= 0.0 and is_above
+    return radius, start, end, perigee_squared, scale, is_whole
 
 
 @compiled
@@ -89,7 +98,12 @@ def rise_from_perigee(radius, start, radius_zero, bottom, peak, top):  # type: i
         Least distance above the perigee from which cells are fine enough, m.
     is_low : ndarray of bool, shape (m, n)
         Which rays are nearer to their perigee.
+    is_any_low : bool
+        Whether any is.
+    is_above : bool
+        Whether any receiver is above the profile.
     """
+    is_any_low = is_above = False
     count, rays = start.shape
     altitude, nearest = np.empty((count, 1)), np.empty((count, 1))
     is_low = np.empty((count, rays), dtype=np.bool_)
@@ -98,13 +112,15 @@ def rise_from_perigee(radius, start, radius_zero, bottom, peak, top):  # type: i
         height = max(r - radius_zero, bottom)
         near = max(_NEAREST, _NEAREST_PER_ALTITUDE * abs(height - peak))
         altitude[k, 0], nearest[k, 0] = height, near
+        is_above = is_above or height >= top
         for n in range(rays):
             s = start[k, n]
             perigee = math.sqrt(max((r - s) * (r + s), 0.0))
             # Without loss of digits.
             distance = s * s / (r + perigee) + (height + radius_zero - r)
             is_low[k, n] = distance < near and height < top
-    return altitude, nearest, is_low
+            is_any_low = is_any_low or is_low[k, n]
+    return altitude, nearest, is_low, is_any_low, is_above
 
 
 @compiled

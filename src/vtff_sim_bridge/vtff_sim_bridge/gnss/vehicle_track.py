@@ -17,6 +17,7 @@ from vtff_sim_bridge.simremote.motion import MotionState, VehicleMotion
 
 __all__ = ["VehicleTrack", "vehicle_track"]
 
+_EPOCHS = np.arange(1, EPOCHS_PER_SECOND + 1)
 _DIFFERENCE_TIME = 0.01  # s, on both sides of an epoch, over which axes turn evenly
 
 
@@ -71,8 +72,9 @@ def vehicle_track(
         Point of the body whose motion is returned, in body axes from the centre of mass, m.
     """
     indices = range(EPOCHS_PER_SECOND)[emitted]
-    nearest = np.clip(np.arange(EPOCHS_PER_SECOND), indices[0], indices[-1])
-    times = ((second - 1) * EPOCHS_PER_SECOND + 1 + nearest) * EPOCH_NANOSECONDS
+    times = _EPOCHS * EPOCH_NANOSECONDS + (second - 1) * NANOSECONDS_PER_SECOND
+    if len(indices) < EPOCHS_PER_SECOND:
+        times = np.clip(times, times[indices[0]], times[indices[-1]])
     commands = motion.commands_between(int(times[0]), int(times[-1]))
     vectors = _extrapolate(
         times,

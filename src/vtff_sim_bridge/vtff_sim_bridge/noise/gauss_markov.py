@@ -55,6 +55,8 @@ class GaussMarkovField:
         self._gain = math.sqrt(1.0 - self._decay**2)
         self._numbers: FloatArray = np.zeros((_BLOCK_SECONDS, len(addresses), EPOCHS_PER_SECOND))
         self._block = np.full(len(addresses), -1, dtype=np.int64)
+        self._last_rows: npt.NDArray[np.intp] | None = None
+        self._last_block = -1
 
     def second(self, second: int, rows: npt.NDArray[np.intp]) -> FloatArray:
         """Return processes in a second of the run, shape (20, number of rows)."""
@@ -63,9 +65,9 @@ class GaussMarkovField:
     def of_all_links(self, second: int, rows: npt.NDArray[np.intp]) -> FloatArray:
         """Return a view of the processes in a second, shape (addresses, 20); `rows` are true."""
         block, within = divmod(second, _BLOCK_SECONDS)
-        missing = self._block[rows] != block
-        if missing.any():
-            for row in rows[missing].tolist():
+        if rows is not self._last_rows or block != self._last_block:
+            self._last_rows, self._last_block = rows, block
+            for row in rows[self._block[rows] != block].tolist():
                 self._go_to_block(row, block)
         return np.asarray(self._numbers[within])
 

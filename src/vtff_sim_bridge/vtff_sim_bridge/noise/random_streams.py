@@ -101,6 +101,8 @@ class NoiseField:
         self._addresses = addresses
         self._numbers: FloatArray = np.zeros((_BLOCK_SECONDS, len(addresses), EPOCHS_PER_SECOND))
         self._block = np.full(len(addresses), -1, dtype=np.int64)
+        self._last_rows: npt.NDArray[np.intp] | None = None
+        self._last_block = -1
 
     def second(self, second: int, rows: npt.NDArray[np.intp]) -> FloatArray:
         """Return the noise of links in a second of the run, shape (20, number of rows)."""
@@ -109,9 +111,9 @@ class NoiseField:
     def of_all_links(self, second: int, rows: npt.NDArray[np.intp]) -> FloatArray:
         """Return a view of the noise in a second, shape (links, 20); only `rows` are true."""
         block, within = divmod(second, _BLOCK_SECONDS)
-        missing = self._block[rows] != block
-        if missing.any():
-            for row in rows[missing].tolist():
+        if rows is not self._last_rows or block != self._last_block:
+            self._last_rows, self._last_block = rows, block
+            for row in rows[self._block[rows] != block].tolist():
                 stream = generator(self._seed, self._effect, *self._addresses[row], block)
                 drawn = stream.standard_normal(_BLOCK_EPOCHS)
                 self._numbers[:, row] = drawn.reshape(_BLOCK_SECONDS, EPOCHS_PER_SECOND)

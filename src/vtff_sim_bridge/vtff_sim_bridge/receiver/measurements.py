@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -10,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from vtff_dynamics.time.timescales import GpsTime
-from vtff_gnss.observations import ObservationSeries
+from vtff_gnss.observations import EpochTimes, ObservationSeries
 from vtff_sim_bridge.noise.random_streams import EPOCH_NANOSECONDS
 from vtff_sim_bridge.receiver.arriving_signals import ArrivingSignals
 from vtff_sim_bridge.receiver.observables import Observables
@@ -19,15 +18,10 @@ from vtff_sim_bridge.receiver.tracking import Tracks
 __all__ = ["Measurements", "epoch_times"]
 
 
-@functools.lru_cache(maxsize=2)
-def epoch_times(start: GpsTime, first: int, last: int) -> tuple[GpsTime, ...]:
-    """Return the times of epochs `first` to `last` since the start of a run.
-
-    All receivers ask for the same ones.
-    """
-    return tuple(
-        GpsTime(start.nanoseconds + epoch * EPOCH_NANOSECONDS) for epoch in range(first, last + 1)
-    )
+def epoch_times(start: GpsTime, first: int, last: int) -> EpochTimes:
+    """Return the times of epochs `first` to `last` since the start of a run."""
+    begin, end = (start.nanoseconds + epoch * EPOCH_NANOSECONDS for epoch in (first, last + 1))
+    return EpochTimes(range(begin, end, EPOCH_NANOSECONDS))
 
 
 @dataclass(frozen=True, eq=False)

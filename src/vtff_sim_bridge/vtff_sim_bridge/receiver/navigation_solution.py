@@ -46,6 +46,8 @@ class _Choice(NamedTuple):
     factors : ndarray, shape (2, n)
         Factors of their pseudoranges.
     system : ndarray of int, shape (n,)
+    systems : ndarray of int, shape (any,)
+        Those that there are, in order.
     """
 
     plan: LinkPlan
@@ -57,6 +59,7 @@ class _Choice(NamedTuple):
     second: npt.NDArray[np.int64]
     factors: FloatArray
     system: npt.NDArray[np.int64]
+    systems: npt.NDArray[np.int64]
 
 
 class NavigationSolver:
@@ -152,6 +155,7 @@ def _choose_links(
         pairs.append((first, second))
         factors.append(both)
     first_links, second_links = np.array(pairs, dtype=np.int64).reshape(-1, 2).T.copy()
+    system = np.array([plan.satellites[column][0] for column in columns], dtype=np.int64)
     return _Choice(
         plan=plan,
         tracked=is_tracked.tobytes(),
@@ -161,7 +165,8 @@ def _choose_links(
         first=first_links,
         second=second_links,
         factors=np.array(factors).reshape(-1, 2).T.copy(),
-        system=np.array([plan.satellites[column][0] for column in columns], dtype=np.int64),
+        system=system,
+        systems=np.flatnonzero(np.bincount(system)),
     )
 
 
@@ -198,7 +203,7 @@ def _build_equations(measured: Measurements, index: int, choice: _Choice) -> Ran
     sigma = np.empty(excess.shape)
     np.maximum(list(totals), _SMALLEST_CODE_SIGMA, out=sigma[0])
     np.maximum(observables.sigmas.doppler[index, choice.first], _SMALLEST_RATE_SIGMA, out=sigma[1])
-    return RangeEquations(direction, excess, sigma, choice.system)
+    return RangeEquations(direction, excess, sigma, choice.system, choice.systems)
 
 
 @compiled

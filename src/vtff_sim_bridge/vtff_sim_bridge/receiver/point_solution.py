@@ -29,12 +29,15 @@ class RangeEquations:
         Sigmas of the measurements, m (m/s).
     system : ndarray of int, shape (n,)
         Each system has its own clock offset in the equations.
+    systems : ndarray of int, shape (any,)
+        The systems, in order.
     """
 
     direction: FloatArray
     excess: FloatArray
     sigma: FloatArray
     system: npt.NDArray[np.int64]
+    systems: npt.NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +63,7 @@ def solve_points(equations: RangeEquations) -> list[PointSolution] | None:
     one step suffices. The sigmas are those of the measurements, or greater by the misfit of the
     solution where that is worse than they say.
     """
-    systems = np.flatnonzero(np.bincount(equations.system))
+    systems = equations.systems
     unknowns = 3 + len(systems)
     count = len(equations.system)
     if count < unknowns:

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field, replace
 from decimal import Decimal, InvalidOperation
 from typing import Any
 
-from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
+from vtff_dynamics.constants import NANOSECONDS_PER_SECOND, SECONDS_PER_WEEK
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_gnss.ephemeris import BroadcastEphemeris
 from vtff_gnss.novatel.definitions import MessageDecoder
@@ -24,6 +24,7 @@ from vtff_gnss.novatel.encode.frame import (
     HeaderSettings,
 )
 from vtff_gnss.novatel.encode.solution import ComponentVersion
+from vtff_gnss.observations import EpochTimes
 from vtff_sim_bridge.receiver.receiver_logs import (
     EVENT_TRIGGERS,
     LOG_DEFINITIONS,
@@ -42,6 +43,7 @@ BAUD_RATES = (
 )  # fmt: skip
 DEFAULT_TRANSMIT_BUFFER_BYTES = 16384
 
+_NANOSECONDS_PER_WEEK = SECONDS_PER_WEEK * NANOSECONDS_PER_SECOND
 _SEPARATORS = b" ,\t"
 _TO_BLANKS = bytes.maketrans(_SEPARATORS, b" " * len(_SEPARATORS))
 _MINIMUM_PERIOD = Decimal("0.05")
@@ -250,14 +252,14 @@ class ReceiverFirmware:
 
     def advance(self, time: GpsTime, outputs: ReceiverOutputs) -> bytes:
         """Go on to an epoch and return the bytes that the port sends, see `advance_epochs`."""
-        return self.advance_epochs((time,), outputs)[0]
+        return self.advance_epochs(EpochTimes((time.nanoseconds,)), outputs)[0]
 
-    def advance_epochs(self, times: Sequence[GpsTime], outputs: ReceiverOutputs) -> list[bytes]:
+    def advance_epochs(self, times: EpochTimes, outputs: ReceiverOutputs) -> list[bytes]:
         """Go on over epochs and return the bytes that the port sends at each.
 
         Parameters
         ----------
-        times : sequence of GpsTime
+        times : EpochTimes
             Epochs one after the other, later than all before; a log ONTIME is sent if the time
             is a multiple of its period after its offset.
         outputs : ReceiverOutputs
@@ -271,13 +273,12 @@ class ReceiverFirmware:
         if self._line.is_limited and len(times) > 1:
             # Frames tell whether those of the epoch before were dropped.
             return [self.advance(time, outputs) for time in times]
-        nanoseconds = [time.nanoseconds for time in times]
-        if self._time is not None:
-            nanoseconds.insert(0, self._time.nanoseconds)
-        if any(map(operator.ge, nanoseconds, nanoseconds[1:])):
+        nanoseconds = times.nanoseconds
+        before = nanoseconds if self._time is None else [self._time.nanoseconds, *nanoseconds]
+        if any(map(operator.ge, before, before[1:])):
             raise ValueError(f"time: from {times[0]} on one is not later than that before")
-        frames: list[list[bytes]] = [[] for _ in times]
-        times_of_week = [time.time_of_week_nanoseconds for time in times]
+        frames: list[list[bytes]] = [[] for _ in range(len(times))]
+        times_of_week = [time % _NANOSECONDS_PER_WEEK for time in nanoseconds]
         done = []
         for key, request in self._requests_in_order():
             due = request.due_epochs(times_of_week)
@@ -290,7 +291,7 @@ class ReceiverFirmware:
             self._schedule = None
         self._time = times[-1]
         dropped = self._line.dropped_frames
-        contents = self._line.send(times, frames)
+        contents = self._line.send(nanoseconds, frames)
         self._has_overrun |= self._line.dropped_frames > dropped
         return contents
 
@@ -299,7 +300,7 @@ class ReceiverFirmware:
         frames: list[list[bytes]],
         request: _LogRequest,
         due: Sequence[int],
-        times: Sequence[GpsTime],
+        times: EpochTimes,
         outputs: ReceiverOutputs,
     ) -> None:
         """Add those of a log at the epochs at which it is due."""

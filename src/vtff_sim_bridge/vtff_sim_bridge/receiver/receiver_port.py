@@ -25,6 +25,8 @@ MAXIMUM_PENDING_BYTES = 1 << 20
 CONGESTION_BYTES = 1 << 16
 """Waiting bytes of one client above which a port is congested."""
 _READ_BYTES = 65536
+# Edge-triggered, because the absence of a client is a state that lasts.
+_TERMINAL_EVENTS = select.EPOLLIN | select.EPOLLET
 _BAUD_BY_CODE = {
     getattr(termios, name): int(name[1:])
     for name in dir(termios)
@@ -82,12 +84,16 @@ class _PseudoTerminal:
                 return b""
             raise
 
-    def write(self, content: bytes | bytearray) -> int:
-        """Write what fits; return how much that is."""
-        try:
-            return os.write(self.descriptor, content)
-        except (BlockingIOError, InterruptedError):
-            return 0
+    def write_all(self, content: bytes | bytearray) -> int:
+        """Write as much as fits; return how much that is."""
+        with memoryview(content) as view:
+            written = 0
+            while written < len(content):
+                try:
+                    written += os.write(self.descriptor, view[written:])
+                except (BlockingIOError, InterruptedError):
+                    break
+        return written
 
     def forget(self) -> None:
         """Throw away what the last client did not read, and its line settings."""
@@ -157,6 +163,7 @@ class ReceiverPort:
         self._terminal: _PseudoTerminal | None = None
         self._terminal_pending = bytearray()
         self._had_client = False
+        self._waits_for_space = False
         self._clients: dict[int, tuple[socket.socket, bytearray]] = {}
         self._listener: socket.socket | None = None
         self._epoll = select.epoll()
@@ -206,10 +213,7 @@ class ReceiverPort:
         """
         if self._terminal is None and self._symlink is not None:
             self._terminal = _PseudoTerminal(self._symlink)
-            # Edge-triggered, because the absence of a client is a state that lasts.
-            self._epoll.register(
-                self._terminal.descriptor, select.EPOLLIN | select.EPOLLOUT | select.EPOLLET
-            )
+            self._epoll.register(self._terminal.descriptor, _TERMINAL_EVENTS)
 
     def unplug(self) -> None:
         """Pull the cable: clients are hung up, the symlink goes away; nothing if not plugged."""
@@ -219,6 +223,7 @@ class ReceiverPort:
             self._epoll.unregister(self._terminal.descriptor)
             self._terminal.close()
             self._terminal = None
+        self._waits_for_space = False
         self._terminal_pending.clear()
         self._had_client = False
 
@@ -237,16 +242,26 @@ class ReceiverPort:
         if not content:
             return
         self.sent_bytes += len(content)
-        if not self.has_client:
-            self.unheard_bytes += len(content)
+        is_heard = bool(self._clients)
         for descriptor in list(self._clients):
             self._put(self._clients[descriptor][1], content)
             self._write_client(descriptor)
         if self._terminal is not None:
             self._notice_client(self._terminal)
             if self._had_client:
-                self._put(self._terminal_pending, self._on_line(content, baud))
-                self._write_terminal(self._terminal)
+                is_heard = True
+                self._send_on_terminal(self._terminal, self._on_line(content, baud))
+        if not is_heard:
+            self.unheard_bytes += len(content)
+
+    def _send_on_terminal(self, terminal: _PseudoTerminal, content: bytes) -> None:
+        if self._terminal_pending:
+            self._put(self._terminal_pending, content)
+            self._write_terminal(terminal)
+            return
+        written = terminal.write_all(content)
+        self._put(self._terminal_pending, content[written:])
+        self._watch_space(terminal)
 
     def process(self) -> None:
         """Do what is to be done: take clients and commands, send answers and what waits."""
@@ -259,7 +274,9 @@ class ReceiverPort:
                 if descriptor in self._clients:
                     self._write_client(descriptor)
             elif self._terminal is not None and descriptor == self._terminal.descriptor:
-                self._serve_terminal(self._terminal)
+                if events & ~select.EPOLLOUT:
+                    self._serve_terminal(self._terminal)
+                self._write_terminal(self._terminal)
 
     def _serve_terminal(self, terminal: _PseudoTerminal) -> None:
         while content := terminal.read():
@@ -267,7 +284,6 @@ class ReceiverPort:
             if not self._is_other_baud(self._receiver.baud):
                 self._obey(content)
         self._notice_client(terminal)
-        self._write_terminal(terminal)
 
     def _notice_client(self, terminal: _PseudoTerminal) -> None:
         has_client = terminal.has_client
@@ -298,11 +314,17 @@ class ReceiverPort:
             pending += content
 
     def _write_terminal(self, terminal: _PseudoTerminal) -> None:
-        while self._terminal_pending:
-            count = terminal.write(self._terminal_pending)
-            if count == 0:
-                return
-            del self._terminal_pending[:count]
+        """Write what waits; what does not fit now is written when there is space."""
+        if self._terminal_pending:
+            del self._terminal_pending[: terminal.write_all(self._terminal_pending)]
+        self._watch_space(terminal)
+
+    def _watch_space(self, terminal: _PseudoTerminal) -> None:
+        waits = bool(self._terminal_pending)
+        if waits != self._waits_for_space:
+            self._waits_for_space = waits
+            space = select.EPOLLOUT if waits else 0
+            self._epoll.modify(terminal.descriptor, _TERMINAL_EVENTS | space)
 
     def _accept(self) -> None:
         if self._listener is None:

@@ -6,7 +6,6 @@ from collections import deque
 from collections.abc import Sequence
 
 from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
-from vtff_dynamics.time.timescales import GpsTime
 
 __all__ = ["DEFAULT_BAUD", "SerialLine"]
 
@@ -43,10 +42,10 @@ class SerialLine:
         self._buffer_bytes = buffer_bytes
         self._time_nanoseconds: int | None = None
         self._credit = 0
-        self._recent: deque[tuple[int, int]] = deque()
+        self._recent: deque[tuple[Sequence[int], list[int]]] = deque()
 
-    def send(self, times: Sequence[GpsTime], frames: Sequence[list[bytes]]) -> list[bytes]:
-        """Take the frames of epochs; return the bytes to put out at each.
+    def send(self, times: Sequence[int], frames: Sequence[list[bytes]]) -> list[bytes]:
+        """Take the frames of epochs, at times in ns; return the bytes to put out at each.
 
         With a limit these are the bytes that the line carried since the epoch before.
         """
@@ -56,8 +55,8 @@ class SerialLine:
             return contents
         return [self._pass_on(*epoch) for epoch in zip(times, frames, strict=True)]
 
-    def _pass_on(self, time: GpsTime, frames: list[bytes]) -> bytes:
-        carried = self._carry(time.nanoseconds)
+    def _pass_on(self, time: int, frames: list[bytes]) -> bytes:
+        carried = self._carry(time)
         for frame in frames:
             if len(self.waiting) + len(frame) <= self._buffer_bytes:
                 self.waiting += frame
@@ -69,8 +68,13 @@ class SerialLine:
         """Return the bits asked for in the last second of scenario time, relative to the rate."""
         if not self._recent:
             return 0.0
-        before = self._recent[-1][0] - NANOSECONDS_PER_SECOND
-        recent_bytes = sum(count for time, count in self._recent if time > before)
+        before = self._recent[-1][0][-1] - NANOSECONDS_PER_SECOND
+        recent_bytes = sum(
+            count
+            for times, counts in self._recent
+            for time, count in zip(times, counts, strict=True)
+            if time > before
+        )
         return 100.0 * recent_bytes * self.bits_per_byte / self.baud
 
     def _carry(self, nanoseconds: int) -> bytes:
@@ -85,8 +89,7 @@ class SerialLine:
         self._credit = self._credit - count * per_byte if self.waiting else 0
         return carried
 
-    def _account(self, times: Sequence[GpsTime], contents: list[bytes]) -> None:
-        nanoseconds = [time.nanoseconds for time in times]
-        while self._recent and self._recent[0][0] <= nanoseconds[0] - NANOSECONDS_PER_SECOND:
+    def _account(self, times: Sequence[int], contents: list[bytes]) -> None:
+        while self._recent and self._recent[0][0][-1] <= times[0] - NANOSECONDS_PER_SECOND:
             self._recent.popleft()
-        self._recent.extend(zip(nanoseconds, map(len, contents), strict=True))
+        self._recent.append((times, list(map(len, contents))))

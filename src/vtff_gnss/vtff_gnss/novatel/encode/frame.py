@@ -7,6 +7,7 @@ are those of novatel_edie and of real logs.
 from __future__ import annotations
 
 import struct
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -27,9 +28,9 @@ __all__ = [
     "Generation",
     "HeaderSettings",
     "check_length",
+    "check_times",
     "encode_frame",
     "header_words",
-    "whole_milliseconds",
 ]
 
 HEADER_LENGTH = 28
@@ -136,7 +137,8 @@ def encode_frame(
     if time is None:
         time_status = TIME_STATUS_UNKNOWN
     if time is not None and time_status != TIME_STATUS_UNKNOWN:
-        total = whole_milliseconds(time).nanoseconds // _NANOSECONDS_PER_MILLISECOND
+        check_times((time.nanoseconds,))
+        total = time.nanoseconds // _NANOSECONDS_PER_MILLISECOND
         week, milliseconds = divmod(total, _MILLISECONDS_PER_WEEK)
     check_length(len(payload))
     header = _header(
@@ -154,11 +156,11 @@ def header_words(
     return np.frombuffer(header, dtype=np.uint32)
 
 
-def whole_milliseconds(time: GpsTime) -> GpsTime:
-    """Return a time that a header can hold; raise ValueError if it is no whole millisecond."""
-    if time.nanoseconds % _NANOSECONDS_PER_MILLISECOND:
-        raise ValueError(f"time: {time} is not a whole millisecond")
-    return time
+def check_times(times: Sequence[int]) -> None:
+    """Raise ValueError if a time, ns, is not a whole millisecond, which a header cannot hold."""
+    for time in times:
+        if time % _NANOSECONDS_PER_MILLISECOND:
+            raise ValueError(f"time: {GpsTime(time)} is not a whole millisecond")
 
 
 def check_length(payload_length: int) -> None:

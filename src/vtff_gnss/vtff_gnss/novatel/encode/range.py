@@ -9,23 +9,22 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from vtff_dynamics.time.timescales import GpsTime
 from vtff_gnss import constants as c
 from vtff_gnss.novatel import message_ids as ids
 from vtff_gnss.novatel.encode.frame import (
     HEADER_LENGTH,
     HeaderSettings,
     check_length,
+    check_times,
     encode_frame,
     header_words,
-    whole_milliseconds,
 )
 from vtff_gnss.novatel.encode.range_frames import write_range_frames
 from vtff_gnss.novatel.framing import CRC_LENGTH
 from vtff_gnss.novatel.header import TIME_STATUS_UNKNOWN
 from vtff_gnss.novatel.range.range_logs import GLONASS_CHANNEL_OFFSET, RANGECMP_RECORD
 from vtff_gnss.novatel.range.tracking_status import NOVATEL_SIGNALS, rinex_prn
-from vtff_gnss.observations import ObservationEpoch, ObservationSeries
+from vtff_gnss.observations import EpochTimes, ObservationEpoch, ObservationSeries
 
 __all__ = [
     "encode_range",
@@ -249,7 +248,7 @@ def encode_range(
         If the time is not a whole millisecond, or NovAtel has no number for a signal.
     """
     is_observed = np.ones((1, len(epoch)), dtype=bool)
-    return _range_frames(epoch, [epoch.time], is_observed, settings, channel)[0]
+    return _range_frames(epoch, [epoch.time.nanoseconds], is_observed, settings, channel)[0]
 
 
 def encode_range_series(
@@ -262,23 +261,27 @@ def encode_range_series(
     Parameters, Raises
         See `encode_range`.
     """
-    frames = _range_frames(series, series.times, series.is_observed, settings, series.channel)
-    return frames[first:]
+    if isinstance(series.times, EpochTimes):
+        times = series.times.nanoseconds
+    else:
+        times = [time.nanoseconds for time in series.times]
+    return _range_frames(series, times, series.is_observed, settings, series.channel)[first:]
 
 
 def _range_frames(
     observations: ObservationEpoch | ObservationSeries,
-    times: Sequence[GpsTime],
+    times: Sequence[int],
     is_observed: npt.NDArray[np.bool_],
     settings: HeaderSettings,
     channel: npt.NDArray[np.integer] | None,
 ) -> list[bytes]:
-    """Return the RANGE logs of k epochs; all but the signals may have k as first axis."""
+    """Return the RANGE logs of epochs at k times, ns; all but signals may have k as first axis."""
     o, shape = observations, is_observed.shape
     numbers = _numbers_of(observations)
-    nanoseconds = np.full(len(times), -1)
-    if o.time_status != TIME_STATUS_UNKNOWN:
-        nanoseconds = np.array([whole_milliseconds(time).nanoseconds for time in times])
+    if o.time_status == TIME_STATUS_UNKNOWN:
+        times = [-1] * len(times)
+    else:
+        check_times(times)
     if channel is None:
         channel = np.zeros(shape, dtype=np.uint8)
 
@@ -287,7 +290,7 @@ def _range_frames(
 
     words, ends = write_range_frames(
         header_words(ids.ID_RANGE, settings, o.time_status, o.receiver_status),
-        nanoseconds,
+        np.array(times),
         np.ascontiguousarray(is_observed),
         numbers.prn_words,
         numbers.status_locked,
