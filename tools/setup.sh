@@ -271,6 +271,7 @@ build_workspace() {
   step "writing the environment" "$venv/bin/python" tools/write_environment.py
   install_command
   step "compiling the modules of the nodes" import_nodes
+  step "compiling what they calculate with (half a minute)" compile_calculations
   workspace_fingerprint >install/.vtff_workspace
 }
 
@@ -283,6 +284,11 @@ import importlib, pathlib
 for path in sorted(pathlib.Path("src").glob("vtff_*/vtff_*/*_node.py")):
     importlib.import_module(f"{path.parent.name}.{path.stem}")
 '
+)
+
+compile_calculations() (
+  . "$venv/vtff_environment.sh"
+  "$venv/bin/python" tools/compile_calculations.py
 )
 
 install_command() {

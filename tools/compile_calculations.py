@@ -1,0 +1,70 @@
+"""Compile what the nodes of formations calculate with, so that no first run has to.
+
+Each node does this before its first step, which takes half a minute of an idle machine, and minutes
+of a busy one, if nothing is there yet. Two processes share the work. Called by tools/setup.sh.
+"""
+
+from __future__ import annotations
+
+import pathlib
+import subprocess
+import sys
+from collections.abc import Callable
+
+CONFIG = pathlib.Path(__file__).resolve().parents[1] / "config"
+
+
+def compile_estimator() -> None:
+    """Compile the relative filter, in orbit and on the ground."""
+    from vtff_nav.relative.common.estimator_setting import EstimatorSetting
+    from vtff_nav.relative.shipped_estimators import make_cdgps
+
+    for dynamics in ("orbital", "static"):
+        make_cdgps(EstimatorSetting(dynamics=dynamics))
+
+
+def compile_receivers() -> None:
+    """Compile the emulated receivers, and the decoding of what receivers send."""
+    from vtff_nav.receiver.rehearsal import rehearse_decoding
+    from vtff_sim_bridge.gnss.configuration import load_gnss_configuration
+    from vtff_sim_bridge.simgen.gnss_emulation import compile_kernels
+
+    for name in ("reference", "realistic"):
+        compile_kernels(load_gnss_configuration(CONFIG / "gnss" / f"{name}.yaml"))
+    rehearse_decoding()
+
+
+def compile_safety() -> None:
+    """Compile the safety monitor."""
+    from vtff_control.safety.formation_safety import SafetySetting, compile_kernels
+
+    compile_kernels(SafetySetting())
+
+
+def compile_ionosphere() -> None:
+    """Compile the ionosphere processor."""
+    from vtff_iono.formation_ionosphere import compile_kernels
+
+    compile_kernels()
+
+
+SHARES: tuple[tuple[Callable[[], None], ...], ...] = (
+    (compile_estimator, compile_safety),
+    (compile_receivers, compile_ionosphere),
+)
+
+
+def main() -> int:
+    """Compile one share, or all of them in a process each; return the exit code."""
+    if len(sys.argv) > 1:
+        for compile_part in SHARES[int(sys.argv[1])]:
+            compile_part()
+        return 0
+    running = [
+        subprocess.Popen([sys.executable, __file__, str(number)]) for number in range(len(SHARES))
+    ]
+    return max(process.wait() for process in running)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
