@@ -17,7 +17,7 @@ from vtff_bag.file.errors import BagWriteError
 from vtff_bag.file.mcap_writer import COMPRESSIONS
 from vtff_bag.file.writer import DEFAULT_CHUNK_SIZE, BagWriter
 from vtff_bag.recorder.recorder import GATHER_LIMIT, SEARCH_INTERVAL, Recorder
-from vtff_bag.recorder.recording_rules import Acknowledger, TopicSelection
+from vtff_bag.recorder.recording_rules import Acknowledger, GatherPace, TopicSelection
 from vtff_bag.run.description import describe_run_folder
 from vtff_bag.run.environment import describe_environment
 from vtff_node import diagnostics
@@ -29,6 +29,7 @@ from vtff_node.stamps import to_stamp
 from vtff_node.start.unannounced import take_unannounced
 
 ALIVE_INTERVAL = 0.5  # s of wall time between signs of life
+GATHER_TIME = 0.01  # s of wall time between looks at what has come
 DRAIN_QUIET = 0.2  # s of wall time without a message, after which draining ends
 DRAIN_LIMIT = 5.0  # s of wall time after which draining ends in any case
 
@@ -87,8 +88,6 @@ class BagRecorderNode(VtffNode):
     """Record every topic into an MCAP bag, stamped with scenario time, until SIGINT or SIGTERM."""
 
     Parameters = BagRecorderParameters
-    # Nobody waits for a single message to be recorded, and each wake-up costs as much as its work.
-    gather_time = 0.01
     yields_to_others = True
     #: What acts on messages goes before what keeps them.
     niceness = 5
@@ -105,9 +104,6 @@ class BagRecorderNode(VtffNode):
             )
         except BagWriteError as error:
             raise ParameterError(f"parameter 'output': {error}") from error
-        if self.lockstep:
-            # The recorder takes most messages itself, after they have gathered for longer.
-            self.gather_time = 0.0
         self._failure: BagWriteError | None = None
         self._acknowledger = (
             Acknowledger(self._acknowledge, table.acknowledge_every) if self.lockstep else None
@@ -121,6 +117,7 @@ class BagRecorderNode(VtffNode):
             self._end_recording,
             self._ask_for_end,
         )
+        self._gather_pace = GatherPace(GATHER_LIMIT)
         self._alive_next = 0.0
         self._was_stable = False
         self._timer = self.create_timer(SEARCH_INTERVAL, self._tick, clock=self.steady_clock)
@@ -143,6 +140,12 @@ class BagRecorderNode(VtffNode):
                 self._timer = self.create_timer(GATHER_LIMIT, self._tick, clock=self.steady_clock)
             self._was_stable = self._recorder.stable
             self.report_alive(self._recorder.stable)
+
+    def choose_gather_time(self) -> float:
+        """Return the time until the next look: nobody waits for a single message to be recorded."""
+        if self._acknowledger is None or not self._recorder.stable:
+            return GATHER_TIME
+        return self._gather_pace.choose(time.monotonic(), self._acknowledger.steps)
 
     def _acknowledge(self, stamp_nanoseconds: int) -> None:
         # What is acknowledged is in the file, also if this process is killed at once.

@@ -108,15 +108,14 @@ def spin(nodes: Sequence[VtffNode], stop: StopRequest) -> int:
         if not set_niceness(niceness):
             nodes[0].get_logger().info(f"the system does not permit a niceness of {niceness}")
     timer = nodes[0].create_timer(SPIN_TIMEOUT, look, clock=nodes[0].steady_clock)
-    gather_time = min(node.gather_time for node in nodes)
     if all(node.yields_to_others for node in nodes):
         # Else each message interrupts the node that publishes it.
         yield_to_others()
-    patience = NO_PATIENCE if gather_time else SPIN_TIMEOUT
     try:
         while not stop.requested and not any(node.finished for node in nodes):
+            gather_time = min(node.choose_gather_time() for node in nodes)
             # It handles all that has come; `spin_once` would return after each callback.
-            executor.spin_until_future_complete(ended, patience)
+            executor.spin_until_future_complete(ended, NO_PATIENCE if gather_time else SPIN_TIMEOUT)
             if gather_time:
                 time.sleep(gather_time)
     except (KeyboardInterrupt, ExternalShutdownException):

@@ -109,8 +109,6 @@ class VtffNode(Node):
 
     Parameters: ClassVar[type | None] = None
     Plugins: ClassVar[PluginGroup | None] = None
-    #: Wall time in s for which messages may gather before a process of such nodes alone takes them.
-    gather_time: float = 0.0
     #: Whether a process of such nodes alone never interrupts the work of another process.
     yields_to_others: ClassVar[bool] = False
     #: Niceness in real time where the system permits it: other work of the machine waits then, so
@@ -277,6 +275,13 @@ class VtffNode(Node):
             for topic in self._required_topics
             if not self.count_publishers(topic)
         ]
+
+    def choose_gather_time(self) -> float:
+        """Return for how long messages may gather before a process of such nodes takes them.
+
+        It is asked for before each wait, and in s of wall time; 0 to take each at once.
+        """
+        return 0.0
 
     def begin(self) -> None:
         """Say that this node begins; called once its process handles callbacks."""

@@ -21,7 +21,7 @@ from vtff_bag.file.stamps import leading_stamp
 from vtff_bag.file.writer import BagWriter
 from vtff_bag.recorder.offered_qos import strongest_common
 from vtff_bag.recorder.recorder import Recorder
-from vtff_bag.recorder.recording_rules import Acknowledger, ScenarioTime, TopicSelection
+from vtff_bag.recorder.recording_rules import Acknowledger, GatherPace, ScenarioTime, TopicSelection
 
 SECOND = 10**9
 
@@ -98,6 +98,15 @@ class TestAcknowledger:
         self.acknowledger.stopped = True
         self.acknowledger.take_clock(0)
         assert self.sent == []
+
+
+def test_messages_gather_for_some_steps_within_limits():
+    pace = GatherPace(0.1)
+    pace.choose(100.0, 0)
+    assert pace.choose(100.1, 20) == pytest.approx(0.05)  # 10 steps of 5 ms
+    assert pace.choose(100.2, 21) == 0.1
+    assert pace.choose(100.3, 21) == 0.1  # the run stands
+    assert pace.choose(100.31, 1021) == 0.005
 
 
 def profile(reliability, durability):

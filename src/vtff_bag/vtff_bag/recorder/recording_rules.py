@@ -6,7 +6,10 @@ import dataclasses
 import re
 from collections.abc import Callable
 
-__all__ = ["Acknowledger", "ScenarioTime", "TopicSelection"]
+__all__ = ["Acknowledger", "GatherPace", "ScenarioTime", "TopicSelection"]
+
+GATHER_STEPS = 10  # steps of lockstep between looks of a recorder, as far as the limits permit
+SHORTEST_GATHER_TIME = 0.005  # s of wall time between them at least
 
 
 class ScenarioTime:
@@ -101,12 +104,14 @@ class Acknowledger:
         Set to True to end the acknowledgements.
     is_allowed
         Whether `allow_first` has been called.
+    steps
+        Number of steps so far.
     """
 
     def __init__(self, acknowledge: Callable[[int], None], acknowledge_every: int = 10) -> None:
         self._acknowledge = acknowledge
         self._every = acknowledge_every
-        self._steps = 0
+        self.steps = 0
         self._newest = 0
         self._last_acknowledged_step = 0
         self.is_allowed = False
@@ -114,11 +119,11 @@ class Acknowledger:
 
     def take_clock(self, nanoseconds: int) -> None:
         """Take the time of a /clock message, ns since 1970."""
-        self._steps += 1
+        self.steps += 1
         self._newest = nanoseconds
         if self._last_acknowledged_step == 0:
             self._send_first()
-        elif self._steps - self._last_acknowledged_step >= self._every:
+        elif self.steps - self._last_acknowledged_step >= self._every:
             self._send()
 
     def allow_first(self) -> None:
@@ -127,10 +132,44 @@ class Acknowledger:
         self._send_first()
 
     def _send_first(self) -> None:
-        if self.is_allowed and self._steps and self._last_acknowledged_step == 0:
+        if self.is_allowed and self.steps and self._last_acknowledged_step == 0:
             self._send()
 
     def _send(self) -> None:
         if not self.stopped:
-            self._last_acknowledged_step = self._steps
+            self._last_acknowledged_step = self.steps
             self._acknowledge(self._newest)
+
+
+class GatherPace:
+    """Chooses for how long messages gather in lockstep: the time of some steps.
+
+    Each wake-up of the recorder costs as much as the work of a step. Steps wait for it after many,
+    so that it may sleep for some.
+
+    Parameters
+    ----------
+    longest
+        Longest time, s of wall time.
+    """
+
+    def __init__(self, longest: float) -> None:
+        self._longest = longest
+        self._looked_at = 0.0
+        self._steps = 0
+
+    def choose(self, now: float, steps: int) -> float:
+        """Return the time until the next look, s.
+
+        Parameters
+        ----------
+        now
+            Wall time, s.
+        steps
+            Number of steps that the recorder has heard of so far.
+        """
+        elapsed, new_steps = now - self._looked_at, steps - self._steps
+        self._looked_at, self._steps = now, steps
+        if not new_steps:
+            return self._longest
+        return min(max(GATHER_STEPS * elapsed / new_steps, SHORTEST_GATHER_TIME), self._longest)
