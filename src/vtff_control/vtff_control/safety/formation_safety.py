@@ -242,9 +242,7 @@ class _Thruster:
     isolated: np.ndarray[tuple[int], np.dtype[np.bool_]] = field(
         default_factory=lambda: np.zeros(3, dtype=bool)
     )
-    weak_steps: np.ndarray[tuple[int], np.dtype[np.int_]] = field(
-        default_factory=lambda: np.zeros(3, dtype=int)
-    )
+    weak_steps: list[int] = field(default_factory=lambda: [0, 0, 0])
 
     def accuse(self, axes: np.ndarray[tuple[int], np.dtype[np.bool_]], reason: str) -> None:
         """Isolate axes, and keep the first reason."""
@@ -572,21 +570,24 @@ class FormationSafety:
     def _compare_report(self, track: _Thruster, reported_rtn: FloatArray, told: FloatArray) -> None:
         """Look whether the thruster reports more than it was told."""
         cap = self._setting.acceleration_cap
+        wanted = np.abs(told).tolist()
         # In the direction of the command, up to its size; against it, nothing.
-        along = np.where(told >= 0.0, reported_rtn, -reported_rtn)
+        along = np.where(told >= 0.0, reported_rtn, -reported_rtn).tolist()
         # Half the smallest thrust on each of three axes, along one of the orbit.
         floor = max(_REPORT_FLOOR * cap, 0.5 * math.sqrt(3.0) * self._setting.smallest_thrust)
-        over = (along > 1.1 * np.abs(told) + floor) | (along < -floor)
-        under = along < 0.5 * np.abs(told) - floor
-        track.weak_steps = np.where(under, track.weak_steps + 1, 0)
-        weak = track.weak_steps >= _WEAK_STEPS
+        over, weak = [False] * 3, [False] * 3
+        for axis in range(3):
+            over[axis] = along[axis] > 1.1 * wanted[axis] + floor or along[axis] < -floor
+            is_under = along[axis] < 0.5 * wanted[axis] - floor
+            track.weak_steps[axis] = track.weak_steps[axis] + 1 if is_under else 0
+            weak[axis] = track.weak_steps[axis] >= _WEAK_STEPS
         for axes, text in (
             (over, "stuck on along {}: reports a thrust that nobody commanded"),
             (weak, "stuck off or weak along {}: reports less than half of what it was told"),
         ):
-            if axes.any():
+            if any(axes):
                 names = ", ".join(axis for axis, is_it in zip("RTN", axes, strict=True) if is_it)
-                track.accuse(axes, "thruster " + text.format(names))
+                track.accuse(np.array(axes), "thruster " + text.format(names))
 
     def _expect(
         self, track: _Thruster, given: SpacecraftInput, decision: SpacecraftDecision

@@ -196,7 +196,8 @@ class ChiefMotion:
     times
         s from the start, shape (n,).
     flown
-        Chief, and the chief displaced by `_DISPLACEMENTS` at the start, m and m/s, shape (n, 7, 6).
+        Chief, and the chief displaced by `_DISPLACEMENTS` at the start, m and m/s, shape (n, 8, 6);
+        the last one is of no meaning.
     states_gcrf
         Chief, m and m/s, shape (n, 6).
     rotation
@@ -218,7 +219,7 @@ class ChiefMotion:
 
         Only a search for a manoeuvre needs it.
         """
-        differences = self.flown[:, 1:] - self.flown[:, :1]
+        differences = self.flown[:, 1:7] - self.flown[:, :1]
         return np.asarray(np.swapaxes(differences, 1, 2) / _DISPLACEMENTS)
 
     def position_covariances(self, covariance_rtn: FloatArray) -> FloatArray:
@@ -278,7 +279,8 @@ def predict_chief_motion(state_chief_gcrf: FloatArray, orbits: float) -> ChiefMo
     axis = 1.0 / (2.0 / np.linalg.norm(chief[:3]) - float(chief[3:] @ chief[3:]) / GM_EARTH)
     period = 2.0 * math.pi * math.sqrt(float(axis) ** 3 / GM_EARTH)
     times = prediction_times(period, orbits)
-    flown = free_flight(np.array([chief, *(chief + np.diag(_DISPLACEMENTS))]), times)
+    # Eight flights take half the time of seven: the last one is there for that.
+    flown = free_flight(np.array([chief, *(chief + np.diag(_DISPLACEMENTS)), chief]), times)
     rotation_start = rotation_gcrf_to_rtn(chief)
     momentum = cross(chief[:3], chief[3:])
     rate = np.array([0.0, 0.0, np.linalg.norm(momentum) / float(chief[:3] @ chief[:3])])
@@ -299,7 +301,7 @@ def _describe_flights(
     Parameters
     ----------
     flown
-        As of `ChiefMotion`, shape (n, 7, 6).
+        As of `ChiefMotion`, shape (n, 8, 6).
     displacements
         Displacements of the flights, m and m/s, shape (6,).
 

@@ -127,7 +127,6 @@ class ThrustMonitor:
         found = None
         chief_rtn = np.zeros(3) if reported_chief_rtn is None else reported_chief_rtn
         self._residuals = {}
-        trip = np.zeros(3, dtype=bool)
         doubted = np.zeros(3, dtype=bool)
         variance = np.maximum(np.diag(covariance_rtn)[3:], 0.0)
         if is_predicted:
@@ -136,22 +135,30 @@ class ThrustMonitor:
             np.array([chief_rtn, reported_rtn]),
             np.zeros(3) if unreported_rtn is None else unreported_rtn,
         )
-        for age in self._windows:
-            if age > len(self._pushed):
-                break
-            anchor = age - 1
-            residual = relative_rtn[3:] - relative_state_rtn(*self._states_gcrf[anchor])[3:]
-            sigma = np.sqrt(variance + self._variance[anchor])
-            threshold = self._floor + _SIGMAS * sigma + _TOLERANCE * self._pushed[anchor]
-            threshold = threshold + self._unreported[anchor]
-            if np.isfinite(sigma).all():
-                self._residuals[age] = residual
-            over = np.abs(residual) > threshold
-            trip |= (np.abs(residual) > _CERTAIN * threshold) | (over & (self._doubts > 0))
-            doubted |= over
-            if trip.any() and found is None:  # the shortest window tells most
-                chief, deputy = self._reported[anchor]
-                found = ThrustDifference(trip.copy(), residual, deputy, chief, age)
+        ages = [age for age in self._windows if age <= len(self._pushed)]
+        if ages:
+            anchors = [age - 1 for age in ages]
+            velocities = [relative_state_rtn(*self._states_gcrf[each])[3:] for each in anchors]
+            residuals = relative_rtn[3:] - np.array(velocities)
+            sigma = np.sqrt(variance + self._variance[anchors])
+            threshold = self._floor + _SIGMAS * sigma
+            threshold = threshold + (_TOLERANCE * self._pushed[anchors])[:, np.newaxis]
+            threshold = threshold + self._unreported[anchors]
+            for age, residual, is_known in zip(
+                ages, residuals, np.isfinite(sigma).tolist(), strict=True
+            ):
+                if all(is_known):
+                    self._residuals[age] = residual
+            sizes = np.abs(residuals)
+            over = sizes > threshold
+            trips = (sizes > _CERTAIN * threshold) | (over & (self._doubts > 0))
+            doubted |= over.any(axis=0)
+            if trips.any():  # the shortest window tells most
+                shortest = int(trips.any(axis=1).argmax())
+                chief, deputy = self._reported[anchors[shortest]]
+                found = ThrustDifference(
+                    trips[shortest], residuals[shortest], deputy, chief, ages[shortest]
+                )
         self._doubts = np.where(doubted, self._doubts + 1, 0)
         state_deputy = deputy_state_gcrf(state_chief_gcrf, relative_rtn)
         oldest = self._windows[-1] - 1

@@ -20,17 +20,18 @@ __all__ = ["add_thrust", "fly_states", "free_flight"]
 
 
 @compiled
-def _derivative(state: FloatArray, rate: FloatArray, gm: float, oblateness: float) -> None:
-    """Write the rate of a state (6,)."""
-    x, y, z = state[0], state[1], state[2]
+def _acceleration(
+    x: float, y: float, z: float, gm: float, oblateness: float
+) -> tuple[float, float, float]:
+    """Return the acceleration at a position."""
     r2 = x * x + y * y + z * z
-    factor = -gm / (r2 * math.sqrt(r2))
-    flattening = oblateness / r2
-    sine_squared = z * z / r2
+    # Without the branch for a divisor of zero that `/` has, spacecraft are flown side by side.
+    factor = np.divide(-gm, r2 * math.sqrt(r2))
+    flattening = np.divide(oblateness, r2)
+    sine_squared = np.divide(z * z, r2)
     equatorial = factor * (1.0 + flattening * (1.0 - 5.0 * sine_squared))
     polar = factor * (1.0 + flattening * (3.0 - 5.0 * sine_squared))
-    rate[0], rate[1], rate[2] = state[3], state[4], state[5]
-    rate[3], rate[4], rate[5] = equatorial * x, equatorial * y, polar * z
+    return equatorial * x, equatorial * y, polar * z
 
 
 @compiled
@@ -38,31 +39,37 @@ def fly_states(states: FloatArray, times: FloatArray, gm: float, oblateness: flo
     """Return the states (n, m, 6) at n times from those (m, 6) at the first.
 
     Parameters are those of `free_flight`, with the gravitational parameter, m3/s2, and 1.5 J2 times
-    the square of the radius of the Earth, m2; nothing is checked.
+    the square of the radius of the Earth, m2; nothing is checked. Eight spacecraft take less time
+    than seven: those beyond a multiple of four are flown one by one.
     """
-    count = len(states)
-    flown = np.empty((len(times), count, 6))
+    flown = np.empty((len(times), len(states), 6))
     flown[0] = states
-    rates = np.empty((4, 6))
-    stage = np.empty(6)
-    for index in range(1, len(times)):
-        step = times[index] - times[index - 1]
-        for craft in range(count):
-            start = flown[index - 1, craft]
-            _derivative(start, rates[0], gm, oblateness)
-            for k in range(6):
-                stage[k] = start[k] + 0.5 * step * rates[0, k]
-            _derivative(stage, rates[1], gm, oblateness)
-            for k in range(6):
-                stage[k] = start[k] + 0.5 * step * rates[1, k]
-            _derivative(stage, rates[2], gm, oblateness)
-            for k in range(6):
-                stage[k] = start[k] + step * rates[2, k]
-            _derivative(stage, rates[3], gm, oblateness)
-            for k in range(6):
-                flown[index, craft, k] = start[k] + step / 6.0 * (
-                    rates[0, k] + 2.0 * rates[1, k] + 2.0 * rates[2, k] + rates[3, k]
-                )
+    for n in range(1, len(times)):
+        step = times[n] - times[n - 1]
+        half, sixth = 0.5 * step, step / 6.0
+        for m in range(len(states)):
+            x, y, z = flown[n - 1, m, 0], flown[n - 1, m, 1], flown[n - 1, m, 2]
+            vx, vy, vz = flown[n - 1, m, 3], flown[n - 1, m, 4], flown[n - 1, m, 5]
+            # Velocities and accelerations of the four stages.
+            ax, ay, az = _acceleration(x, y, z, gm, oblateness)
+            vx2, vy2, vz2 = vx + half * ax, vy + half * ay, vz + half * az
+            ax2, ay2, az2 = _acceleration(
+                x + half * vx, y + half * vy, z + half * vz, gm, oblateness
+            )
+            vx3, vy3, vz3 = vx + half * ax2, vy + half * ay2, vz + half * az2
+            ax3, ay3, az3 = _acceleration(
+                x + half * vx2, y + half * vy2, z + half * vz2, gm, oblateness
+            )
+            vx4, vy4, vz4 = vx + step * ax3, vy + step * ay3, vz + step * az3
+            ax4, ay4, az4 = _acceleration(
+                x + step * vx3, y + step * vy3, z + step * vz3, gm, oblateness
+            )
+            flown[n, m, 0] = x + sixth * (vx + 2.0 * vx2 + 2.0 * vx3 + vx4)
+            flown[n, m, 1] = y + sixth * (vy + 2.0 * vy2 + 2.0 * vy3 + vy4)
+            flown[n, m, 2] = z + sixth * (vz + 2.0 * vz2 + 2.0 * vz3 + vz4)
+            flown[n, m, 3] = vx + sixth * (ax + 2.0 * ax2 + 2.0 * ax3 + ax4)
+            flown[n, m, 4] = vy + sixth * (ay + 2.0 * ay2 + 2.0 * ay3 + ay4)
+            flown[n, m, 5] = vz + sixth * (az + 2.0 * az2 + 2.0 * az3 + az4)
     return flown
 
 
