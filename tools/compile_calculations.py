@@ -24,14 +24,15 @@ def compile_estimator() -> None:
 
 
 def compile_receivers() -> None:
-    """Compile the emulated receivers, and the decoding of what receivers send."""
+    """Compile the emulated receivers, and the way of what they send to messages."""
     from vtff_nav.receiver.rehearsal import rehearse_decoding
+    from vtff_node.conversions.observation_bytes import serialize_series
     from vtff_sim_bridge.gnss.configuration import load_gnss_configuration
     from vtff_sim_bridge.simgen.gnss_emulation import compile_kernels
 
     for name in ("reference", "realistic"):
         compile_kernels(load_gnss_configuration(CONFIG / "gnss" / f"{name}.yaml"))
-    rehearse_decoding()
+    serialize_series(rehearse_decoding(), "")
 
 
 def compile_safety() -> None:
