@@ -251,15 +251,16 @@ def _compiled_lines_of_sight(
     velocity_itrf: npt.ArrayLike,
 ) -> LineOfSight:
     """Return the lines of sight of receivers (m, 3), each at its own time, s after `time`."""
+    velocity = np.asarray(velocity_itrf, dtype=float)
+    if velocity.shape != position_itrf.shape:
+        velocity = np.broadcast_to(velocity, position_itrf.shape)
     found = sights_of_receivers(
         table.elements,
         *table.reference_times,
         time.nanoseconds,
         np.ascontiguousarray(offset),
         np.ascontiguousarray(position_itrf),
-        np.ascontiguousarray(
-            np.broadcast_to(np.asarray(velocity_itrf, dtype=float), position_itrf.shape)
-        ),
+        np.ascontiguousarray(velocity),
         _TYPICAL_TRAVEL_TIME,
         KEPLER_ITERATIONS,
         KEPLER_TOLERANCE,

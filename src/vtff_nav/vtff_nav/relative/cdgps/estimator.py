@@ -36,7 +36,7 @@ from vtff_nav.relative.cdgps.output import (
     relative_rtn,
 )
 from vtff_nav.relative.common.antenna_correction import Attitudes
-from vtff_nav.relative.common.columns import with_columns
+from vtff_nav.relative.common.columns import are_all, with_columns
 from vtff_nav.relative.common.dynamics import (
     DYNAMIC_STATES,
     MotionNoise,
@@ -57,8 +57,6 @@ from vtff_nav.relative.common.orbit_single_point import form_combinations, solve
 from vtff_nav.relative.common.solution import (
     SOLUTION_FIXED,
     SOLUTION_PREDICTED,
-    AmbiguityTable,
-    DifferentialTecTable,
     LaserMeasurement,
     RelativeSolution,
 )
@@ -81,7 +79,8 @@ _JOINT_DISTANCE = 2e4
 # Smaller errors are corrected well enough by the derivative of the range.
 _CLOCK_TOLERANCE = 3e-7
 
-_NO_AMBIGUITIES, _NO_DIFFERENTIAL_TEC = AmbiguityTable(), DifferentialTecTable()
+# Its other fields are those of a prediction.
+_NO_SOLUTION = RelativeSolution.none(GpsTime(0), ())
 
 
 class CdgpsEstimator(EstimatorInputs):
@@ -216,7 +215,7 @@ class CdgpsEstimator(EstimatorInputs):
         satellites = np.concatenate([s.satellite for s in signals if s is not None])
         if self._table_in_view is not None:
             whole, is_in_view, in_view = self._table_in_view
-            if whole is table and is_in_view[satellites].all():
+            if whole is table and are_all(is_in_view[satellites]):
                 return in_view
         satellites = np.unique(satellites)
         rows = np.searchsorted(satellite_numbers(table), satellites)
@@ -283,8 +282,12 @@ class CdgpsEstimator(EstimatorInputs):
             thrust_sigma = self._relative.thrust_sigma
             relative_factor = self._relative.acceleration.factor
         end = time + interval
-        thrust = [t for t in self._thrust if t.start < end and t.end > time]
-        self._thrust = [t for t in self._thrust if t.end > end]
+        thrust = []
+        if self._thrust:
+            begin, finish = time.nanoseconds, end.nanoseconds
+            acting = [t for t in self._thrust if t.end.nanoseconds > begin]
+            thrust = [t for t in acting if t.start.nanoseconds < finish]
+            self._thrust = [t for t in acting if t.end.nanoseconds > finish]
         before = absolute.mean[:3].copy()
         factors = (absolute.acceleration.factor, relative_factor)
         predicted = self._motion.predict(
@@ -367,7 +370,7 @@ class CdgpsEstimator(EstimatorInputs):
         mask = math.radians(self.configuration.elevation_mask_deg)
         elevation = seen.elevation[0, rows]
         is_above = elevation > mask
-        if not is_above.all():
+        if not are_all(is_above):
             measured = measured.select(np.flatnonzero(is_above))
         if not len(measured):
             degraded.append("no satellite in common view")
@@ -421,8 +424,7 @@ class CdgpsEstimator(EstimatorInputs):
         """Return whether the deputy's orbit is known, but for that of the chief."""
         if self._relative is None or self.configuration.dynamics != "orbital":
             return False
-        variances = np.diagonal(self._relative.state.covariance)[:3]
-        return float(variances.sum()) < _LOCATED_SIGMA**2
+        return self._relative.state.trace(3) < _LOCATED_SIGMA**2
 
     def _antenna_states_itrf(self, time: GpsTime) -> tuple[FloatArray, FloatArray | None]:
         """Return states of both antennas (2, 6), and rotations from body to navigation axes.
@@ -523,7 +525,8 @@ class CdgpsEstimator(EstimatorInputs):
         to_itrf = self._motion.to_itrf(time)
         density, density_sigma = filter_.local_density()
         latency, latency_sigma, residual = filter_.laser(laser)
-        predicted = RelativeSolution(
+        predicted = with_columns(
+            _NO_SOLUTION,
             time=time,
             solution=SOLUTION_PREDICTED,
             position_rtn=state_rtn[:3],
@@ -538,8 +541,6 @@ class CdgpsEstimator(EstimatorInputs):
             local_electron_density=density,
             local_electron_density_sigma=density_sigma,
             clock_difference=filter_.clock,
-            ambiguities=_NO_AMBIGUITIES,
-            differential_tec=_NO_DIFFERENTIAL_TEC,
             degraded=tuple(degraded),
             laser_latency=latency,
             laser_latency_sigma=latency_sigma,

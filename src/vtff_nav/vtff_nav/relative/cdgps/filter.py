@@ -34,7 +34,7 @@ from vtff_nav.relative.cdgps.orbit_filter import CHIEF_KINDS, CHIEF_MOTION, RELA
 from vtff_nav.relative.cdgps.phase_jumps import PhaseChanges, PhaseJumpDetector
 from vtff_nav.relative.cdgps.phase_scatter import PhaseScatter, SlipRate, epochs_to_average
 from vtff_nav.relative.cdgps.state import GaussianState, Innovation, Label
-from vtff_nav.relative.common.columns import make_table, with_columns
+from vtff_nav.relative.common.columns import are_all, is_any, make_table, with_columns
 from vtff_nav.relative.common.dynamics import DYNAMIC_STATES, MotionNoise, Prediction
 from vtff_nav.relative.common.measurements import SignalTable, SingleDifferences, upper_median
 from vtff_nav.relative.common.solution import (
@@ -110,6 +110,7 @@ _AVERAGED_CYCLES = 0.05
 # scintillation last longer than an epoch.
 _CORRELATED_EPOCHS = 3
 
+_NO_COLUMNS = np.zeros(0, dtype=np.int64)
 _DEPUTY = 1
 """Receiver of the deputy in labels; 0 is that of the chief."""
 
@@ -335,19 +336,20 @@ class RelativeFilter:
                 if label not in state:
                     state.add(label, 0.0, sigma**2)
         self._ground_rate_deg = math.hypot(*chief_motion_deg) / interval
-        turn: list[Label] = []
-        turn_coupling = predicted.thrust_coupling[:, 1:]
-        attitude: list[Label] = [("attitude_error", _DEPUTY, axis) for axis in range(3)]
-        if thrust and rotation_body_to_rtn is not None and attitude[0] in state:
-            turn, turn_coupling = attitude, turn_coupling @ rotation_body_to_rtn
+        turn_columns, turn_coupling = _NO_COLUMNS, predicted.thrust_coupling
+        if thrust and rotation_body_to_rtn is not None:
+            attitude: list[Label] = [("attitude_error", _DEPUTY, axis) for axis in range(3)]
+            if attitude[0] in state:
+                turn_columns = np.array([state.index(label) for label in attitude], dtype=np.int64)
+                turn_coupling = predicted.thrust_coupling[:, 1:] @ rotation_body_to_rtn
         members = self._member_columns()
         coefficients = linear_motion(
             len(state),
             predicted.transition_relative,
-            np.array([state.index(label) for label in thrust], dtype=np.int64),
+            state.column_numbers("thrust") if thrust else _NO_COLUMNS,
             predicted.thrust_coupling,
-            np.array([state.index(label) for label in turn], dtype=np.int64),
-            np.ascontiguousarray(turn_coupling),
+            turn_columns,
+            turn_coupling,
             members.contents,
             chief_motion_deg,
         )
@@ -683,7 +685,7 @@ class RelativeFilter:
     def _start_arcs(self, time: GpsTime, measured: SingleDifferences, sky: Sky) -> None:
         """Add arcs and states for signals without an arc."""
         state = self.state
-        if self.arcs.are_open(measured.keys).all():
+        if are_all(self.arcs.are_open(measured.keys)):
             return
         clock = upper_median(measured.code - sky.predicted - code_biases(state, measured))
         for row, key in enumerate(measured.keys):
@@ -967,7 +969,7 @@ class RelativeFilter:
             # Faulty phases of the last pass are left out, so that the search ends.
             result = search()
         innovation = result.innovation
-        if is_scattered.any():
+        if is_any(is_scattered):
             phases = slice(count, 2 * count)
             shows_slip = innovation.leave_one_out[1][phases] < 2.0 * innovation.noise[phases]
             visible = int(np.count_nonzero(is_scattered & shows_slip)) + slips_in_scatter
@@ -1103,14 +1105,16 @@ class RelativeFilter:
     def classify(self, update: Update) -> tuple[int, int, int]:
         """Return the kind of solution, the number of satellites used, and that of integers."""
         measured, innovation = update.measured, update.innovation
-        count = len(measured)
+        count, satellites = len(measured), len(measured.keys.distinct_satellites)
+        arcs = self.arcs.columns(measured.keys, self.state)
+        if innovation.are_all_used and arcs.has_integers_only and satellites >= self._fewest_fixed:
+            return SOLUTION_FIXED, satellites, count
         code_used = innovation.is_used[:count]
         phase_used = innovation.is_used[count : 2 * count]
         is_used = code_used | phase_used
-        satellites = len(measured.keys.distinct_satellites)
-        if not is_used.all():
+        if not are_all(is_used):
             satellites = len(set(measured.satellite[is_used].tolist()))
-        has_integer = phase_used & self.arcs.columns(measured.keys, self.state).has_integer
+        has_integer = phase_used & arcs.has_integer
         used, integers = int(np.count_nonzero(phase_used)), int(np.count_nonzero(has_integer))
         # Most integers are lost and refused: those that are left cannot be trusted either.
         has_collapsed = 2 * integers < used and bool(self.attempt.reason)

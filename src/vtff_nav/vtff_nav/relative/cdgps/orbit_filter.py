@@ -28,7 +28,7 @@ from vtff_gnss.orbits.satellite_table import SatelliteTable
 from vtff_nav.relative.cdgps.configuration import CdgpsConfiguration
 from vtff_nav.relative.cdgps.omitted_accelerations import omitted_share
 from vtff_nav.relative.cdgps.state import GaussianState, Innovation, Label
-from vtff_nav.relative.common.columns import with_columns
+from vtff_nav.relative.common.columns import are_all, is_any, with_columns
 from vtff_nav.relative.common.dynamics import DYNAMIC_STATES
 from vtff_nav.relative.common.measurements import Geometry, SignalTable
 from vtff_nav.relative.common.orbit_single_point import (
@@ -43,6 +43,7 @@ from vtff_nav.relative.kernels.differences import find_worst_measurement
 from vtff_nav.relative.kernels.orbit import (
     find_carrier_breaks,
     orbit_measurements,
+    predict_codes,
     record_carriers,
 )
 from vtff_nav.relative.noise.acceleration import AccelerationMonitor
@@ -355,8 +356,9 @@ class AbsoluteFilter:
         state = self.state
         assert state is not None
         measured = form_combinations(signals, table)
-        shares = np.zeros((2, len(measured)))
-        if signals_deputy is not None:
+        if signals_deputy is None:
+            shares = np.zeros((2, len(measured)))
+        else:
             deputy = form_combinations(signals_deputy, table)
             measured, shares = mean_of_receivers(measured, deputy, seen)
         slow_phase_sigma = min(
@@ -367,17 +369,17 @@ class AbsoluteFilter:
             phase_sigma = np.hypot(phase_sigma, _COMBINATION_FACTOR * scatter_sigma)
         measured = with_columns(measured, phase_sigma=phase_sigma)
         rows = seen.columns(measured.satellite)
-        is_high = seen.elevation[0, rows] > self._mask
-        if not is_high.all():
+        clock = SPEED_OF_LIGHT * self.clock
+        predicted, elevation = predict_codes(rows, seen.range, seen.clock, seen.elevation, clock)
+        is_high = elevation > self._mask
+        if not are_all(is_high):
             measured, rows = measured.select(is_high), rows[is_high]
             shares = shares.compress(is_high, axis=1)
+            predicted, elevation = predicted[is_high], elevation[is_high]
         if not len(measured):
             return
-        clock = SPEED_OF_LIGHT * self.clock
-        predicted = seen.range[0, rows] - seen.clock[0, rows] + clock
         if self._configuration.has_troposphere:
-            delay = troposphere_delay(self.mean[:3], seen.elevation[0, rows])
-            predicted = predicted + delay
+            predicted = predicted + troposphere_delay(self.mean[:3], elevation)
         self._follow_ambiguities(time, measured, predicted)
         may_doubt_motion = self._configuration.chief_motion != "static" and not scatter_sigma
         covariance_before: FloatArray | None = None
@@ -565,7 +567,7 @@ class AbsoluteFilter:
             self._seen_half_cycles,
             self._seen_lock_times,
         )
-        if not columns.are_members or is_broken.any():
+        if not columns.are_members or is_any(is_broken):
             self._start_ambiguities(labels, is_broken, measured, predicted)
         self._seen.update(labels)
         record_carriers(

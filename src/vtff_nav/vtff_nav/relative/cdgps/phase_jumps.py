@@ -14,6 +14,7 @@ from scipy.special import gammaincc
 
 from vtff_dynamics.vectors import FloatArray
 from vtff_gnss.signals import SignalKey
+from vtff_nav.relative.common.columns import are_all
 from vtff_nav.relative.common.signal_set import SignalSet
 from vtff_nav.relative.kernels.phases import change_phases
 
@@ -172,7 +173,7 @@ class PhaseJumpDetector:
         self._last_keys = changes.keys
         self._last_residual = changes.residual + correction
         self._last_variance = changes.variance
-        if not used.all():
+        if not are_all(used):
             self._keep(np.flatnonzero(used))
 
     def _keep(self, rows: npt.NDArray[np.intp]) -> None:

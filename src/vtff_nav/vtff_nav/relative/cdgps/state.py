@@ -70,7 +70,7 @@ class Innovation:
 
     def __post_init__(self) -> None:
         """Count the measurements that are used."""
-        self.used_count = int(np.count_nonzero(self.is_used))
+        self.used_count = self.is_used.tobytes().count(1)
 
     @property
     def normalised(self) -> FloatArray:
@@ -457,7 +457,7 @@ class GaussianState:
         factor, info = lapack.dpotrf(covariance, lower=1)
         if info != 0:
             raise ValueError("the innovation covariance is not positive definite")
-        inverse, _ = lapack.dpotri(factor, lower=1)
+        inverse, _ = lapack.dpotri(factor, lower=1, overwrite_c=1)
         # LAPACK fills only the lower half, in the order of Fortran.
         weight = symmetric_of_upper(inverse.T)
         if nuisance.shape[1]:

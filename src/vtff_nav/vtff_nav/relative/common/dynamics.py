@@ -50,6 +50,8 @@ DYNAMICS: tuple[Dynamics, ...] = ("orbital", "kinematic", "static")
 DYNAMIC_STATES = 9
 """Number of states of the motion: position, velocity, empirical acceleration."""
 
+_IDENTITY = np.eye(DYNAMIC_STATES)
+
 CHIEF_THRUST_SIGMA = 0.05
 """White error of the chief's thrust on each axis, relative to its magnitude (assumed)."""
 
@@ -134,14 +136,19 @@ class MotionNoise:
     ) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
         """Return the fields of `at_distance` as numbers, on which numpy takes ten times as long."""
         gradient = self.gradient_sigma * distance
-        across = self.empirical_sigma if self.across_sigma is None else self.across_sigma
-        sigmas, times = [], []
-        for steady in (across, self.empirical_sigma):
-            sigma = math.hypot(steady, gradient)
-            rate = steady**2 / self.empirical_time + gradient**2 / self.gradient_time
-            sigmas.append(factor * sigma)
-            times.append(sigma**2 / rate if rate > 0.0 else self.empirical_time)
-        return (sigmas[0], sigmas[1], sigmas[0]), (times[0], times[1], times[0])
+        along, time_along = self._process(self.empirical_sigma, gradient)
+        if self.across_sigma is None or self.across_sigma == self.empirical_sigma:
+            across, time_across = along, time_along
+        else:
+            across, time_across = self._process(self.across_sigma, gradient)
+        along, across = factor * along, factor * across
+        return (across, along, across), (time_across, time_along, time_across)
+
+    def _process(self, steady: float, gradient: float) -> tuple[float, float]:
+        """Return sigma and correlation time of the sum of two processes of given sigmas."""
+        sigma = math.hypot(steady, gradient)
+        rate = steady**2 / self.empirical_time + gradient**2 / self.gradient_time
+        return sigma, sigma**2 / rate if rate > 0.0 else self.empirical_time
 
 
 @dataclass(frozen=True, eq=False)
@@ -261,7 +268,7 @@ class OrbitalMotion:
             Factors of the sigmas of empirical accelerations, of the chief and of the difference.
         """
         chief, relative = np.array(chief, dtype=float), np.array(relative, dtype=float)
-        phi_chief, phi_relative = np.eye(DYNAMIC_STATES), np.eye(DYNAMIC_STATES)
+        phi_chief, phi_relative = _IDENTITY.copy(), _IDENTITY.copy()
         noise_chief = np.zeros((DYNAMIC_STATES, DYNAMIC_STATES))
         noise_relative = noise_chief.copy()
         coupling = np.zeros((DYNAMIC_STATES, THRUST_ERRORS))

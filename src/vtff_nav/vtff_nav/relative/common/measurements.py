@@ -260,7 +260,7 @@ class SignalReader:
     def _layout_of(self, epoch: ObservationEpoch) -> _Layout:
         """Return the layout of the signals of an epoch."""
         names = epoch.system, epoch.prn, epoch.band, epoch.attribute
-        key = b"".join(column.tobytes() for column in names)
+        key = names[0].tobytes() + names[1].tobytes() + names[2].tobytes() + names[3].tobytes()
         layout = self._layouts.get(key)
         if layout is None:
             if len(self._layouts) >= _LAYOUTS_KEPT:

@@ -8,7 +8,7 @@ from vtff_dynamics.compiled import compiled
 from vtff_dynamics.constants import NANOSECONDS_PER_SECOND, SPEED_OF_LIGHT
 from vtff_nav.relative.kernels.arcs import has_lock_restarted
 
-__all__ = ["find_carrier_breaks", "orbit_measurements", "record_carriers"]
+__all__ = ["find_carrier_breaks", "orbit_measurements", "predict_codes", "record_carriers"]
 
 
 @compiled
@@ -90,6 +90,27 @@ def orbit_measurements(  # type: ignore[no-untyped-def]
             design[index, error] = 1.0
             values[index] -= mean[error]
     return design, values, variances, nuisance
+
+
+@compiled
+def predict_codes(columns, ranges, clocks, elevation, clock):  # type: ignore[no-untyped-def]
+    """Return the predicted codes of n satellites at the chief, m, and their elevations, rad.
+
+    Parameters
+    ----------
+    columns : ndarray of int, shape (n,)
+        Satellites in the columns of the next three.
+    ranges, clocks, elevation : ndarray, shape (2, m)
+        See `Geometry`.
+    clock : float
+        Receiver clock, m.
+    """
+    predicted, elevations = np.empty(len(columns)), np.empty(len(columns))
+    for n in range(len(columns)):
+        column = columns[n]
+        predicted[n] = ranges[0, column] - clocks[0, column] + clock
+        elevations[n] = elevation[0, column]
+    return predicted, elevations
 
 
 @compiled

@@ -74,7 +74,7 @@ class AccelerationMonitor:
             Since the last epoch, s.
         """
         sigmas, times = self._noise.numbers_at_distance(distance, self.factor)
-        count = sum(sigma > 0.0 for sigma in sigmas)
+        count = (sigmas[0] > 0.0) + (sigmas[1] > 0.0) + (sigmas[2] > 0.0)
         if count == 0:
             return
         variances, share, square = [], 0.0, 0.0

@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_dynamics.vectors import FloatArray
-from vtff_nav.relative.common.columns import with_columns
+from vtff_nav.relative.common.columns import are_all, with_columns
 from vtff_nav.relative.common.measurements import SingleDifferences
 from vtff_nav.relative.common.signal_set import SignalSet, with_places
 from vtff_nav.relative.kernels.noise import collect_residuals, count_codes
@@ -200,7 +200,7 @@ class NoiseMonitor:
         """Update the components of one kind; `values` are changes and levels, NaN if unknown."""
         prior = prior * components.white_factor
         has_values = np.isfinite(values)
-        if has_values.all():
+        if are_all(has_values):
             if len(values) > _FEWEST_ROWS:
                 redundancy = Redundancy.of(values, np.sqrt(variance), design, prior)
                 number = np.where(is_sample, redundancy.number, 0.0)
