@@ -13,18 +13,17 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Iterable
-from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
-from vtff_dynamics.constants import GM_EARTH, NANOSECONDS_PER_SECOND, SPEED_OF_LIGHT
+from vtff_dynamics.constants import GM_EARTH, SPEED_OF_LIGHT
 from vtff_dynamics.frames.earth import state_itrf_to_gcrf
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_dynamics.vectors import FloatArray, norm
 from vtff_gnss.observations import ObservationEpoch
 from vtff_gnss.orbits.satellite_table import SatelliteTable
+from vtff_nav.relative.cdgps.carrier_book import CarrierBook, CarrierLabel
 from vtff_nav.relative.cdgps.configuration import CdgpsConfiguration
 from vtff_nav.relative.cdgps.omitted_accelerations import omitted_share
 from vtff_nav.relative.cdgps.state import GaussianState, Innovation, Label
@@ -40,12 +39,7 @@ from vtff_nav.relative.common.orbit_single_point import (
 )
 from vtff_nav.relative.kernels.combinations import mean_of_combinations
 from vtff_nav.relative.kernels.differences import find_worst_measurement
-from vtff_nav.relative.kernels.orbit import (
-    find_carrier_breaks,
-    orbit_measurements,
-    predict_codes,
-    record_carriers,
-)
+from vtff_nav.relative.kernels.orbit import orbit_measurements, predict_codes
 from vtff_nav.relative.noise.acceleration import AccelerationMonitor
 
 __all__ = [
@@ -92,43 +86,6 @@ _UNPREDICTED_MOTION_SIGMAS = (10.0, 1.0)
 _NO_PHASES, _NO_SLIPS = np.zeros(0, dtype=bool), np.zeros(0)
 
 
-CarrierLabel = tuple[str, int, int]
-"""Kind, `satellite_number` and second band of an ambiguity of the chief."""
-
-
-@dataclass(frozen=True, eq=False)
-class _CarrierColumns:
-    """What a state says of n combinations of carriers, k of which have codes.
-
-    Parameters
-    ----------
-    labels : list of CarrierLabel
-        Their ambiguities.
-    places : ndarray of int64, shape (n,)
-        Places in the columns of what receivers said of them.
-    ambiguities : ndarray of int64, shape (n,)
-        Members of the state; -1 where there is none.
-    range_errors : ndarray of int64, shape (k,)
-        Members of the range errors of the satellites with codes; -1 where there is none.
-    code_rows : ndarray of intp, shape (k,)
-        Rows with two carriers, whose codes are used.
-    systems : ndarray of int64
-        Systems of the satellites, increasing.
-    """
-
-    labels: list[CarrierLabel]
-    places: npt.NDArray[np.int64]
-    ambiguities: npt.NDArray[np.int64]
-    range_errors: npt.NDArray[np.int64]
-    code_rows: npt.NDArray[np.intp]
-    systems: npt.NDArray[np.int64]
-
-    @functools.cached_property
-    def are_members(self) -> bool:
-        """Whether all of them are members of the state."""
-        return bool((self.ambiguities >= 0).all() and (self.range_errors >= 0).all())
-
-
 class AbsoluteFilter:
     """Position, velocity and clock of the chief.
 
@@ -148,14 +105,7 @@ class AbsoluteFilter:
         self.state: GaussianState | None = None
         self.clock = 0.0
         self._last_point: SinglePoint | None = None
-        # Ambiguities whose carriers were seen, and their places in the columns of what the
-        # receiver said of them: last epoch (GPS, ns; -1 without), half cycles, lock times, s.
-        self._places: dict[CarrierLabel, int] = {}
-        self._seen: set[CarrierLabel] = set()
-        self._seen_times = np.full(0, -1, dtype=np.int64)
-        self._seen_half_cycles = np.zeros(0, dtype=np.int64)
-        self._seen_lock_times = np.zeros((0, 2))
-        self._columns: tuple[bytes, bytes, GaussianState, int, _CarrierColumns] | None = None
+        self._carriers = CarrierBook()
         self._motion: tuple[GaussianState, int, slice] | None = None
         self._failures = self._updates = 0
         self._range_sigma = self._configuration.ephemeris_sigma
@@ -249,7 +199,7 @@ class AbsoluteFilter:
                 covariance[:3, :3] = 1e-8 * np.eye(3)
         self.clock = point.clock / SPEED_OF_LIGHT
         self.state = GaussianState(CHIEF_MOTION, mean, covariance)
-        self._forget_carriers(list(self._seen))
+        self._carriers = CarrierBook()
         self._failures = 0
         return True
 
@@ -403,10 +353,10 @@ class AbsoluteFilter:
                     sigma = _UNPREDICTED_MOTION_SIGMAS[axis // 3]
                     state.add_noise(CHIEF_MOTION[axis], sigma**2)
                 continue
-            labels = self._columns_of(measured).labels
+            labels = self._carriers.columns(measured, state).labels
             for row in slipped:
                 state.remove([labels[row]])
-                self._forget_carriers([labels[row]])
+                self._carriers.forget([labels[row]])
             self._follow_ambiguities(time, measured, predicted)
         # Phases that do not fit begin anew and fit then: codes show a state that is wrong.
         is_code_used = innovation.is_used[: len(innovation.values) - len(measured)]
@@ -504,49 +454,6 @@ class AbsoluteFilter:
         self._offset_evidence = min(of_all - of_ranges, math.log(_QUIET_EVIDENCE))
         return of_all
 
-    def _forget_carriers(self, labels: Iterable[CarrierLabel]) -> None:
-        """Forget what the receiver said of some carriers."""
-        for label in labels:
-            if label in self._seen:
-                self._seen.remove(label)
-                self._seen_times[self._places[label]] = -1
-
-    def _place_of(self, label: CarrierLabel) -> int:
-        """Return the place of carriers in the columns of what the receiver said of them."""
-        place = self._places.setdefault(label, len(self._places))
-        if place >= len(self._seen_times):
-            count = place + 32
-            self._seen_times = np.append(self._seen_times, np.full(count, -1, dtype=np.int64))
-            self._seen_half_cycles = np.append(self._seen_half_cycles, np.zeros(count, np.int64))
-            self._seen_lock_times = np.vstack((self._seen_lock_times, np.zeros((count, 2))))
-        return place
-
-    def _columns_of(self, measured: Combinations) -> _CarrierColumns:
-        """Return the columns of combinations; the same object while these and the state stay."""
-        state, known = self.state, self._columns
-        assert state is not None
-        names = (measured.satellite.tobytes(), measured.second_band.tobytes())
-        if known is not None and known[:2] == names:
-            if known[2] is state and known[3] == state.revision:
-                return known[4]
-        satellites = measured.satellite.tolist()
-        labels = [
-            ("chief_ambiguity", satellite, band)
-            for satellite, band in zip(satellites, measured.second_band.tolist(), strict=True)
-        ]
-        code_rows = np.flatnonzero(measured.second_band > 0)
-        range_errors = [state.find(("range_error", satellites[row])) for row in code_rows.tolist()]
-        columns = _CarrierColumns(
-            labels=labels,
-            places=np.array([self._place_of(label) for label in labels], dtype=np.int64),
-            ambiguities=np.array([state.find(label) for label in labels], dtype=np.int64),
-            range_errors=np.array(range_errors, dtype=np.int64),
-            code_rows=code_rows,
-            systems=np.array(sorted(set(measured.system.tolist()))),
-        )
-        self._columns = (*names, state, state.revision, columns)
-        return columns
-
     def _follow_ambiguities(
         self, time: GpsTime, measured: Combinations, predicted: FloatArray
     ) -> None:
@@ -554,33 +461,21 @@ class AbsoluteFilter:
 
         Ambiguities that were not seen for long leave the state.
         """
-        state, columns = self.state, self._columns_of(measured)
+        state, carriers = self.state, self._carriers
         assert state is not None
-        labels, places = columns.labels, columns.places
-        is_broken = find_carrier_breaks(
-            places,
-            time.nanoseconds,
-            measured.is_lock_lost,
-            measured.half_cycles,
-            measured.lock_time,
-            self._seen_times,
-            self._seen_half_cycles,
-            self._seen_lock_times,
-        )
+        columns = carriers.columns(measured, state)
+        is_broken = carriers.find_breaks(time, measured, columns)
         if not columns.are_members or is_any(is_broken):
-            self._start_ambiguities(labels, is_broken, measured, predicted)
-        self._seen.update(labels)
-        record_carriers(
-            places,
-            time.nanoseconds,
-            measured.half_cycles,
-            measured.lock_time,
-            self._seen_times,
-            self._seen_half_cycles,
-            self._seen_lock_times,
-        )
-        if len(self._seen) > len(labels):
-            self._forget_old_ambiguities(time)
+            self._start_ambiguities(columns.labels, is_broken, measured, predicted)
+        carriers.record(time, measured, columns)
+        if len(carriers) > len(measured):
+            old = carriers.find_old(time, _LONGEST_ARC_GAP)
+            if old:
+                state.remove(old)
+                carriers.forget(old)
+                # The range error of a satellite lasts as long as its ambiguities.
+                present = carriers.satellites
+                state.remove([label for label in self._range_errors if label[1] not in present])
 
     def _start_ambiguities(
         self,
@@ -609,22 +504,6 @@ class AbsoluteFilter:
                 sigma = math.hypot(_SINGLE_FREQUENCY_DELAY_SIGMA, measured.code_sigma[row])
                 state.add(label, mean, sigma**2)
 
-    def _forget_old_ambiguities(self, time: GpsTime) -> None:
-        """Remove ambiguities that were not seen for long."""
-        state = self.state
-        assert state is not None
-        old = []
-        for label in self._seen:
-            last = self._seen_times.item(self._places[label])
-            if (time.nanoseconds - last) / NANOSECONDS_PER_SECOND > _LONGEST_ARC_GAP:
-                old.append(label)
-        if old:
-            state.remove(old)
-            self._forget_carriers(old)
-            # The range error of a satellite lasts as long as its ambiguities.
-            present = {satellite for _, satellite, _ in self._seen}
-            state.remove([label for label in self._range_errors if label[1] not in present])
-
     def _innovation(
         self,
         measured: Combinations,
@@ -638,8 +517,9 @@ class AbsoluteFilter:
         Codes are used of satellites with two frequencies only. `shares` are those of the deputy in
         codes and phases, see `mean_of_receivers`.
         """
-        state, columns = self.state, self._columns_of(measured)
+        state = self.state
         assert state is not None
+        columns = self._carriers.columns(measured, state)
         design, values, variances, nuisance = orbit_measurements(
             state.mean,
             self.motion.start,
