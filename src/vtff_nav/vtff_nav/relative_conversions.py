@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import array
+import functools
 import math
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from std_msgs.msg import Header
 
 from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_msgs.msg import AmbiguityStatus, LaserRange, RelativeState, SlantTec
 from vtff_nav.relative.common.solution import LaserMeasurement, RelativeSolution
+from vtff_node.message_bytes import message_of_fields
 from vtff_node.stamps import to_nanoseconds, to_stamp
 
 __all__ = [
@@ -23,15 +27,22 @@ __all__ = [
 ]
 
 
+_ARRAYS_KEPT = 64
+#: Arrays of messages by the identity of what they were made of, which is kept too.
+_known_arrays: dict[int, tuple[Any, array.array[Any]]] = {}
+
+
 def relative_state_to_message(solution: RelativeSolution, chief: str, deputy: str) -> RelativeState:
     """Return the message of a solution; `chief` and `deputy` are the names of the spacecraft."""
-    message = RelativeState(
+    message: RelativeState = message_of_fields(
+        RelativeState,
+        header=_header(solution, chief),
         child_frame_id=deputy,
-        position=solution.position_rtn,
-        velocity=solution.velocity_rtn,
-        covariance=solution.covariance_rtn.ravel(),
-        position_chief_gcrf=solution.position_chief_gcrf,
-        velocity_chief_gcrf=solution.velocity_chief_gcrf,
+        position=np.array(solution.position_rtn, dtype=np.float64),
+        velocity=np.array(solution.velocity_rtn, dtype=np.float64),
+        covariance=np.array(solution.covariance_rtn, dtype=np.float64).reshape(36),
+        position_chief_gcrf=np.array(solution.position_chief_gcrf, dtype=np.float64),
+        velocity_chief_gcrf=np.array(solution.velocity_chief_gcrf, dtype=np.float64),
         solution=solution.solution,
         satellites_used=solution.satellites_used,
         ambiguities_fixed=solution.ambiguities_fixed,
@@ -39,31 +50,28 @@ def relative_state_to_message(solution: RelativeSolution, chief: str, deputy: st
         innovation_rms=solution.innovation_rms,
         age=solution.age,
     )
-    _set_header(message, solution, chief)
     return message
 
 
 def ambiguities_to_message(solution: RelativeSolution, chief: str, deputy: str) -> AmbiguityStatus:
     """Return the message of the ambiguities of a solution."""
     table = solution.ambiguities
-    # Many integers were fixed at one epoch, whose time is one object.
-    times = {id(time): time for time in table.fixed_since}
-    seconds = {name: _unix_seconds(time) for name, time in times.items()}
-    message = AmbiguityStatus(
+    message: AmbiguityStatus = message_of_fields(
+        AmbiguityStatus,
+        header=_header(solution, chief),
+        system=_column(table.system, np.uint8),
+        prn=_column(table.prn, np.uint8),
+        band=_column(table.band, np.uint8),
+        attribute=_column(table.attribute, np.uint8),
+        reference_prn=_column(table.reference_prn, np.uint8),
+        ambiguity_cycles=_column(table.ambiguity_cycles, np.float64),
+        ambiguity_sigma_cycles=_column(table.ambiguity_sigma_cycles, np.float32),
+        state=_column(table.state, np.uint8),
+        fixed_since=_kept(tuple(table.fixed_since), _seconds),
         ratio=solution.ratio,
         success_rate=solution.success_rate,
         child_frame_id=deputy,
-        system=_content(table.system, np.uint8),
-        prn=_content(table.prn, np.uint8),
-        band=_content(table.band, np.uint8),
-        attribute=_content(table.attribute, np.uint8),
-        reference_prn=_content(table.reference_prn, np.uint8),
-        ambiguity_cycles=_content(table.ambiguity_cycles, np.float64),
-        ambiguity_sigma_cycles=_content(table.ambiguity_sigma_cycles, np.float32),
-        state=_content(table.state, np.uint8),
-        fixed_since=[seconds[id(time)] for time in table.fixed_since],
     )
-    _set_header(message, solution, chief)
     return message
 
 
@@ -74,25 +82,25 @@ def differential_tec_to_message(solution: RelativeSolution, chief: str, deputy: 
     """
     table = solution.differential_tec
     count = len(table)
-    unknown = array.array("f", (math.nan,)) * count
-    message = SlantTec(
+    message: SlantTec = message_of_fields(
+        SlantTec,
+        header=_header(solution, chief),
         child_frame_id=deputy,
-        system=_content(table.system, np.uint8),
-        prn=_content(table.prn, np.uint8),
-        band_first=_content(table.band_first, np.uint8),
-        band_second=_content(table.band_second, np.uint8),
-        stec_tecu=_content(table.stec_tecu, np.float64),
-        stec_sigma_tecu=_content(table.stec_sigma_tecu, np.float32),
-        stec_code_tecu=array.array("d", (math.nan,)) * count,
-        vtec_tecu=unknown,
-        elevation=_content(table.elevation, np.float32),
-        azimuth=_content(table.azimuth, np.float32),
-        pierce_latitude_deg=unknown,
-        pierce_longitude_deg=unknown,
-        arc=_content(table.arc, np.uint32),
-        rejected=array.array("H", (0,)) * count,
+        system=_column(table.system, np.uint8),
+        prn=_column(table.prn, np.uint8),
+        band_first=_column(table.band_first, np.uint8),
+        band_second=_column(table.band_second, np.uint8),
+        stec_tecu=_column(table.stec_tecu, np.float64),
+        stec_sigma_tecu=_column(table.stec_sigma_tecu, np.float32),
+        stec_code_tecu=_filled("d", math.nan, count),
+        vtec_tecu=_filled("f", math.nan, count),
+        elevation=_column(table.elevation, np.float32),
+        azimuth=_column(table.azimuth, np.float32),
+        pierce_latitude_deg=_filled("f", math.nan, count),
+        pierce_longitude_deg=_filled("f", math.nan, count),
+        arc=_column(table.arc, np.uint32),
+        rejected=_filled("H", 0, count),
     )
-    _set_header(message, solution, chief)
     return message
 
 
@@ -107,14 +115,47 @@ def laser_from_message(message: LaserRange) -> LaserMeasurement | None:
     )
 
 
-def _set_header(message: Any, solution: RelativeSolution, chief: str) -> None:
-    message.header.stamp = to_stamp(solution.time.to_unix_nanoseconds())
-    message.header.frame_id = f"{chief}/rtn"
+def _header(solution: RelativeSolution, chief: str) -> Any:
+    """Return the header of the messages of a solution."""
+    stamp = to_stamp(solution.time.to_unix_nanoseconds())
+    return message_of_fields(Header, stamp=stamp, frame_id=f"{chief}/rtn")
 
 
-def _content(values: npt.ArrayLike, kind: type[np.generic]) -> bytes:
-    """Return a column as bytes, of which a message makes an array of its own."""
-    return np.asarray(values, dtype=kind).tobytes()
+def _column(values: npt.ArrayLike, kind: type[np.generic]) -> array.array[Any]:
+    """Return numbers as an array of a message.
+
+    Columns that nothing can be written to are those of many solutions: their array is made once.
+    Others look into memory that is not their own.
+    """
+    if isinstance(values, np.ndarray) and values.base is None and not values.flags.writeable:
+        return _kept(values, lambda column: _array(column, kind))
+    return _array(values, kind)
+
+
+def _array(values: npt.ArrayLike, kind: type[np.generic]) -> array.array[Any]:
+    column = np.asarray(values, dtype=kind)
+    return array.array(column.dtype.char, column.tobytes())
+
+
+def _kept(values: Any, convert: Callable[[Any], array.array[Any]]) -> array.array[Any]:
+    """Return the array of values that do not change; the same one for the same object."""
+    known = _known_arrays.get(id(values))
+    if known is None or known[0] is not values:
+        if len(_known_arrays) >= _ARRAYS_KEPT:
+            _known_arrays.clear()
+        known = _known_arrays[id(values)] = values, convert(values)
+    return known[1]
+
+
+@functools.lru_cache(maxsize=_ARRAYS_KEPT)
+def _filled(code: str, value: float, count: int) -> array.array[Any]:
+    """Return an array of equal numbers."""
+    return array.array(code, (value,)) * count
+
+
+def _seconds(times: Sequence[GpsTime | None]) -> array.array[Any]:
+    """Return times in Unix time, s; 0 for None."""
+    return array.array("d", [_unix_seconds(time) for time in times])
 
 
 def _unix_seconds(time: GpsTime | None) -> float:

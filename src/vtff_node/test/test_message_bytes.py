@@ -25,7 +25,7 @@ from vtff_msgs.msg import (  # noqa: E402
     SimulatorStatus,
     StepDone,
 )
-from vtff_node.message_bytes import message_bytes  # noqa: E402
+from vtff_node.message_bytes import message_bytes, message_of_fields  # noqa: E402
 
 TYPES = (
     AccelStamped,
@@ -123,3 +123,14 @@ def test_most_messages_of_vtff_are_converted():
     kinds = [getattr(vtff_messages, name) for name in dir(vtff_messages) if name[0].isupper()]
     converted = [kind for kind in kinds if message_bytes(kind) is not None]
     assert len(converted) > 0.5 * len(kinds)
+
+
+def test_a_message_of_its_fields_is_that_of_the_constructor():
+    made = RelativeState()
+    fill(made, np.random.default_rng(3), 4)
+    names = RelativeState.get_fields_and_field_types()
+    fields = {name: getattr(made, name) for name in names}
+    message = message_of_fields(RelativeState, **fields)
+    assert message == made
+    assert type(message) is RelativeState
+    assert serialize_message(message) == serialize_message(made)
