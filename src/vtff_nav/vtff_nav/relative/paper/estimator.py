@@ -30,7 +30,6 @@ from vtff_gnss import constants as c
 from vtff_gnss.observations import ObservationEpoch
 from vtff_gnss.orbits.satellite_table import SatelliteTable
 from vtff_nav.relative.cdgps.ambiguity_arcs import ArcBook
-from vtff_nav.relative.cdgps.code_mean import CodeMean, StartEpoch
 from vtff_nav.relative.cdgps.configuration import CdgpsConfiguration
 from vtff_nav.relative.cdgps.orbit_filter import AbsoluteFilter
 from vtff_nav.relative.cdgps.output import relative_rtn
@@ -54,6 +53,7 @@ from vtff_nav.relative.common.solution import (
     LaserMeasurement,
     RelativeSolution,
 )
+from vtff_nav.relative.paper.code_mean import CodeMean, StartEpoch
 from vtff_nav.relative.paper.configuration import PaperConfiguration
 from vtff_nav.relative.paper.filter import (
     CLOCK,
