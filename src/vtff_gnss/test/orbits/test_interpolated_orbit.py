@@ -10,6 +10,7 @@ from vtff_dynamics.time.timescales import parse_epoch
 from vtff_gnss.orbits.broadcast_orbit import EphemerisTable
 from vtff_gnss.orbits.ephemeris_selection import EphemerisStore
 from vtff_gnss.orbits.interpolated_orbit import InterpolatedOrbits
+from vtff_gnss.orbits.line_of_sight import lines_of_sight, rays_of_epochs
 from vtff_gnss.orbits.nominal_constellation import (
     nominal_galileo_constellation,
     nominal_gps_constellation,
@@ -52,3 +53,17 @@ def test_states_do_not_depend_on_what_was_asked_before(table):
     assert np.array_equal(
         one.states(ask, offset).position_itrf, other.states(ask, offset).position_itrf
     )
+
+
+def test_rays_of_epochs_are_lines_of_sight(table):
+    orbits = InterpolatedOrbits(table)
+    offset = np.arange(-19, 1) / 20.0 - 3e-5
+    random = np.random.default_rng(4)
+    for seconds in (0.0, 14.0, 30.0):
+        up = random.normal(size=3)
+        position = 6.9e6 * up / np.linalg.norm(up) + np.outer(offset, (5e3, -3e3, 4e3))
+        velocity = np.tile((5e3, -3e3, 4e3), (20, 1))
+        time = START + seconds
+        expected = vars(lines_of_sight(orbits, time, offset, position, velocity))
+        for name, column in vars(rays_of_epochs(orbits, time, offset, position, velocity)).items():
+            np.testing.assert_allclose(column, expected[name], rtol=4e-16, atol=4e-16, err_msg=name)

@@ -22,7 +22,12 @@ from vtff_gnss.fix import Fix, ReceiverTime
 from vtff_gnss.novatel import CommandResponse, RawLog, ReceiverLogStream
 from vtff_gnss.novatel.encode.lnav import quantize_lnav
 from vtff_gnss.novatel.encode.solution import ComponentVersion, IonosphereUtc
-from vtff_gnss.observations import OBSERVATION_COLUMNS, ObservationEpoch, ObservationSeries
+from vtff_gnss.observations import (
+    OBSERVATION_COLUMNS,
+    EpochTimes,
+    ObservationEpoch,
+    ObservationSeries,
+)
 from vtff_sim_bridge.receiver.receiver_firmware import BAUD_RATES, ReceiverFirmware
 from vtff_sim_bridge.receiver.receiver_logs import EpochOfSeries
 
@@ -395,3 +400,21 @@ def test_any_commands_in_any_pieces_get_one_answer_each(commands, lengths):
     asked = [words for words in commands if any(word != "," for word in words)]
     assert len(responses) == len(asked)
     assert receiver.baud in BAUD_RATES
+
+
+def test_epochs_at_once_are_those_one_by_one():
+    commands = (
+        b"LOG BESTXYZB ONTIME 0.25 0.1\r\nLOG TIMEB ONTIME 1\r\nLOG IONUTCB ONNEW\r\n"
+        b"LOG RAWEPHEMB ONCHANGED\r\nLOG VERSIONB ONTIME 1\r\nLOG BESTXYZA ONCE\r\n"
+    )
+    at_once, one_by_one = ReceiverFirmware(), ReceiverFirmware()
+    outputs = Outputs()
+    for receiver in (at_once, one_by_one):
+        receiver.receive(commands)
+    for second in range(3):
+        times = [START + (second + 0.05 * step) for step in range(20)]
+        contents = at_once.advance_epochs(EpochTimes([time.nanoseconds for time in times]), outputs)
+        assert contents == [one_by_one.advance(time, outputs) for time in times]
+        assert at_once.link_load_percent == one_by_one.link_load_percent > 0.0
+    with pytest.raises(ValueError, match="not later"):
+        at_once.advance_epochs(EpochTimes([START.nanoseconds + 4 * 10**9] * 2), outputs)

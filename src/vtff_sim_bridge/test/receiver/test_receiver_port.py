@@ -93,6 +93,26 @@ def test_commands_through_a_pseudo_terminal(make_port, tmp_path):
     client.close()
 
 
+def test_a_port_wakes_up_for_space_only_while_bytes_wait(make_port, tmp_path):
+    port = make_port()
+    client = Client(tmp_path / "receiver")
+    content = bytes(range(256)) * 20
+    port.send(content)
+    with selectors.DefaultSelector() as selector:
+        selector.register(port, selectors.EVENT_READ)
+        while selector.select(0.0):
+            port.process()
+        assert port.pending_bytes == 0
+        assert len(client.read()) > 0
+        assert selector.select(0.2) == []
+        port.send(20 * content)
+        assert port.pending_bytes > 0
+        received = exchange(port, client.read, lambda c: port.pending_bytes == 0)
+        assert received
+        assert selector.select(0.2) == []
+    client.close()
+
+
 @pytest.mark.parametrize("seed", range(5))
 def test_logs_arrive_unchanged_in_random_chunks(make_port, tmp_path, seed):
     content = receiver_log(20 + 10 * seed) + random.Random(seed).randbytes(50_000)

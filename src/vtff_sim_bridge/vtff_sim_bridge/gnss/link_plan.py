@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -22,6 +23,7 @@ from vtff_gnss.constants import (
 )
 from vtff_gnss.ephemeris import BroadcastEphemeris
 from vtff_gnss.orbits.line_of_sight import SatelliteRays
+from vtff_gnss.signals import satellite_name
 from vtff_sim_bridge.gnss.configuration import ReceiverConfiguration
 from vtff_sim_bridge.gnss.signal_table import SIGNALS, Signal, clock_group_delay
 from vtff_sim_bridge.gnss.sky import Constellation, Sky, UploadError
@@ -116,6 +118,11 @@ class LinkPlan:
     has_data: npt.NDArray[np.bool_]
     phase_centre_frequency: npt.NDArray[np.str_]
     upload_errors: tuple[UploadError, ...]
+
+    @cached_property
+    def satellite_names(self) -> list[str]:
+        """Names of the satellites, such as ``"G05"``."""
+        return [satellite_name(*satellite) for satellite in self.satellites]
 
     @classmethod
     def of_sky(

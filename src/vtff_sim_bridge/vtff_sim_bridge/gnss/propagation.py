@@ -188,11 +188,18 @@ class ScintillatedLinks:
     ----------
     frequency : ndarray, shape (links,)
         Hz, of all links.
+
+    Attributes
+    ----------
+    has_slipped : bool
+        Whether any link has slipped in a fade; told by `calm`.
     """
 
     def __init__(self, frequency: FloatArray) -> None:
         self._frequency = frequency
         self._phase: FloatArray = np.zeros(len(frequency))
+        self._is_calm = True
+        self.has_slipped = False
 
     def second(
         self,
@@ -216,6 +223,7 @@ class ScintillatedLinks:
         for crossing in crossings:
             s4 = s4_at_frequency(crossing.s4_l1[:, satellite], self._frequency[row])
             gain *= scintillation_gain(crossing.fluctuation[:, satellite], s4)
+        self._is_calm = False
         phase = np.angle(gain)
         turn = 2.0 * math.pi
         last = self._phase[row]
@@ -230,7 +238,9 @@ class ScintillatedLinks:
 
         The phase then has no fractional part, so that it does not jump when a ray enters a region.
         """
-        self._phase = 2.0 * math.pi * np.round(self._phase / (2.0 * math.pi))
+        if not self._is_calm:
+            self._phase = 2.0 * math.pi * np.round(self._phase / (2.0 * math.pi))
+            self._is_calm, self.has_slipped = True, bool(self._phase.any())
 
     @property
     def settled_phase(self) -> FloatArray:

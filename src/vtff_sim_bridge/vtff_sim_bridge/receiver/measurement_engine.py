@@ -309,6 +309,8 @@ class MeasurementEngine:
         if crossings:
             return self._scintillated.second(crossings, plan.satellite, plan.row, emitted)
         self._scintillated.calm()
+        if not self._scintillated.has_slipped:
+            return None
         phase = self._scintillated.settled_phase[plan.row]
         if not phase.any():
             return None

@@ -304,17 +304,18 @@ class ReceiverFirmware:
         outputs: ReceiverOutputs,
     ) -> None:
         """Add those of a log at the epochs at which it is due."""
-        self._time = times[due[0]]
         if isinstance(request.encoder, RangeEncoder) and request.format_suffix == "B":
+            self._time = times[due[0]]
             first = outputs.observations(self._time)
             encoded = request.encoder.encode_series(first.series, self._context())
             for k in due:
                 frames[k].append(encoded[first.index + k - due[0]])
             return
         for k in due:
-            self._time = times[k]
-            items = request.choose(request.definition.items(outputs, times[k]))
-            frames[k] += [self._frame(request, item) for item in items]
+            self._time = time = times[k]
+            items = request.choose(request.definition.items(outputs, time))
+            if items:
+                frames[k] += [self._frame(request, item) for item in items]
 
     def _requests_in_order(self) -> list[tuple[tuple[str, str, str], _LogRequest]]:
         """Return the logs of this port in the order of sending."""

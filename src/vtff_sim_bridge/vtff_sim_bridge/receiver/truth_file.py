@@ -10,6 +10,8 @@ from typing import Any, TextIO
 
 __all__ = ["TruthFile"]
 
+_ENCODER = json.JSONEncoder(separators=(",", ":"))
+
 
 class TruthFile:
     """Writes records, one JSON object to a line; without a path they go nowhere.
@@ -41,7 +43,7 @@ class TruthFile:
     def write(self, record: str, **fields: Any) -> None:
         """Write one record; raises OSError with the path if the file cannot take it."""
         if self._stream is not None:
-            line = json.dumps({"record": record, **fields}, separators=(",", ":"))
+            line = _ENCODER.encode({"record": record, **fields})
             with self._named_errors():
                 self._stream.write(line + "\n")
 

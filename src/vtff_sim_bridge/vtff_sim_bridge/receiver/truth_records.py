@@ -51,14 +51,17 @@ def arc_record(arc: Arc) -> dict[str, Any]:
 def second_record(measured: Measurements, second: int) -> dict[str, Any]:
     """Return the state of a receiver and its signals at the last epoch of a second."""
     signals, columns = measured.signals, measured.tracked_satellites(-1)
+    slant_tec_tecu = signals.slant_tec_tecu[-1, columns]
+    rounded = np.concatenate((signals.position_itrf[-1], slant_tec_tecu)).round(6).tolist()
+    names = signals.plan.satellite_names
     record = {
         "time": second,
-        "position_itrf": np.round(signals.position_itrf[-1], 6).tolist(),
+        "position_itrf": rounded[:3],
         "clock_offset": float(signals.clock_offset[-1]),
         "clock_drift": float(signals.clock_drift[-1]),
-        "satellites": [satellite_name(*signals.plan.satellites[column]) for column in columns],
-        "slant_tec_tecu": np.round(signals.slant_tec_tecu[-1, columns], 6).tolist(),
-        "s4_l1": np.round(signals.s4_l1[-1, columns], 4).tolist(),
+        "satellites": [names[column] for column in columns],
+        "slant_tec_tecu": rounded[3:],
+        "s4_l1": signals.s4_l1[-1, columns].round(4).tolist(),
     }
     if measured.observables.range_error is not None:
         record["range_error"] = np.round(measured.observables.range_error[-1, columns], 6).tolist()
