@@ -999,9 +999,12 @@ class RelativeFilter:
         scintillates, faulty ones may have begun to: they must be as many themselves.
         """
         without_cause = search()
+        is_likely = not self._is_unlikely(without_cause.innovation)
+        if is_likely and not without_cause.faulty_phases:
+            return without_cause
         is_quiet = ~self.scatter.is_scattered(measured)
         faulty = without_cause.count_satellites(measured, is_quiet)
-        if faulty < 2 and not self._is_unlikely(without_cause.innovation):
+        if faulty < 2 and is_likely:
             return without_cause
         witnesses = len(set(measured.satellite[is_quiet].tolist()))
         is_scintillating = not is_quiet.all()

@@ -34,8 +34,6 @@ class FaultSearch:
         self, measured: SingleDifferences, is_counted: npt.NDArray[np.bool_]
     ) -> int:
         """Return how many satellites had a faulty phase among those that count, shape (n,)."""
-        if not self.faulty_phases:
-            return 0
         rows = [row for row in self.faulty_phases if is_counted[row]]
         return len(set(measured.satellite[rows].tolist()))
 

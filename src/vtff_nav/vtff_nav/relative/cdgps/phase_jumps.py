@@ -264,7 +264,7 @@ class _SatelliteSums:
         if len(self.names) - len(out) <= self._unknowns:
             return 0.0 if out else 1.0
         normal = self._design.T @ self._weighted
-        normal.flat[:: len(self._prior) + 1] += self._prior
+        normal.reshape(-1)[:: len(self._prior) + 1] += self._prior
         right = self._weighted.T @ self._change
         square = float(self._change @ (self._change / self._variance))
         freedom = len(self._change) - self._unknowns
