@@ -11,7 +11,15 @@ from vtff_dynamics.constants import WGS84_SEMI_MAJOR_AXIS
 from vtff_dynamics.vectors import FloatArray
 from vtff_iono.geometry.mapping import profile_content
 
-__all__ = ["CONSTANT", "PEAK_UNIT", "SHAPE", "SIZE", "RunningProfile"]
+__all__ = [
+    "CONSTANT",
+    "PEAK_UNIT",
+    "SHAPE",
+    "SIZE",
+    "RunningProfile",
+    "mean_between",
+    "means_of_samples",
+]
 
 PEAK_UNIT = 100e3
 """Unit of a change of the altitude of the peak, m."""
@@ -111,11 +119,10 @@ class RunningProfile:
             Changes of the logarithms of the scale heights below and above the peak, and of the
             altitude of the peak in units of `PEAK_UNIT`.
         """
-        heights = self._shape[:2] * np.exp(change[:2])
-        peak = self._shape[2] + PEAK_UNIT * change[2]
-        limited = np.clip([*heights, peak], _SMALLEST_SHAPE, _LARGEST_SHAPE)
-        self._shape = np.asarray(limited)
-        self.density = np.where(self._weight > 0.0, self.density, self._layer())
+        self._shape = _changed_shape(self._shape, np.exp(change[:2]), change[2])
+        self.density = _with_layer(
+            self.density, self._weight, self.altitude, self._shape, self._scale
+        )
 
     def content_above(self, altitude: float) -> float:
         """Return the vertical content above an altitude (m), TECU."""
@@ -133,12 +140,12 @@ class RunningProfile:
     def mean_density(self, altitude_first: float, altitude_second: float) -> float:
         """Return the mean density between two altitudes (m), electrons per cubic metre."""
         low, high = sorted((altitude_first, altitude_second))
-        return float(_mean_between(low, high, self.altitude, self.density))
+        return float(mean_between(low, high, self.altitude, self.density))
 
     def mean_derivatives(self, altitude_first: float, altitude_second: float) -> FloatArray:
         """Return the means of the derivatives of `densities` between two altitudes (m), (5,)."""
         low, high = sorted((altitude_first, altitude_second))
-        means: FloatArray = _means_of_samples(low, high, self.altitude, self.densities()[1:])
+        means: FloatArray = means_of_samples(low, high, self.altitude, self.densities()[1:])
         return means
 
     def resize(self, factor: float) -> None:
@@ -213,6 +220,31 @@ def _chapman_layer(altitude, shape):  # type: ignore[no-untyped-def]
 
 
 @compiled
+def _changed_shape(shape, factor, change):  # type: ignore[no-untyped-def]
+    """Return a shape within its limits, (3,), whose heights are multiplied by factors (2,)."""
+    changed = np.empty(3)
+    for place in range(2):
+        changed[place] = shape[place] * factor[place]
+    changed[2] = shape[2] + PEAK_UNIT * change
+    for place in range(3):
+        if changed[place] < _SMALLEST_SHAPE[place]:
+            changed[place] = _SMALLEST_SHAPE[place]
+        elif changed[place] > _LARGEST_SHAPE[place]:
+            changed[place] = _LARGEST_SHAPE[place]
+    return changed
+
+
+@compiled
+def _with_layer(density, weight, altitude, shape, scale):  # type: ignore[no-untyped-def]
+    """Return densities (n,), those of a layer of a size where none was measured."""
+    layer = _chapman_layer(altitude, shape)
+    result = np.empty(len(density))
+    for row in range(len(density)):
+        result[row] = density[row] if weight[row] > 0.0 else scale * layer[row]
+    return result
+
+
+@compiled
 def _with_derivatives(altitude, density, weight, shape, per_constant):  # type: ignore[no-untyped-def]
     """Return densities (n,) and their derivatives, (6, n), see `RunningProfile.densities`.
 
@@ -235,7 +267,7 @@ def _with_derivatives(altitude, density, weight, shape, per_constant):  # type: 
 
 
 @compiled
-def _mean_between(low, high, altitude, density):  # type: ignore[no-untyped-def]
+def mean_between(low, high, altitude, density):  # type: ignore[no-untyped-def]
     """Return the mean of a density (n,), linear between its altitudes (n,), between two of them."""
     before, after = np.interp(np.array([low, high]), altitude, density)
     if high - low < _SMALLEST_SEPARATION:
@@ -249,7 +281,7 @@ def _mean_between(low, high, altitude, density):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _means_of_samples(low, high, altitude, densities):  # type: ignore[no-untyped-def]
+def means_of_samples(low, high, altitude, densities):  # type: ignore[no-untyped-def]
     """Return the means of the rows of densities (k, n) at two altitudes and those between, (k,)."""
     first = np.searchsorted(altitude, low, "right")
     end = max(first, np.searchsorted(altitude, high))  # less where both are the same altitude

@@ -43,19 +43,20 @@ import numpy.typing as npt
 
 from vtff_dynamics.vectors import FloatArray
 from vtff_gnss.constants import ELECTRONS_PER_TECU
-from vtff_iono.bias.running_profile import CONSTANT, SHAPE, SIZE, RunningProfile
+from vtff_iono.bias.running_profile import RunningProfile
 from vtff_iono.density import kernels
-from vtff_iono.density.kernels import COMMON, DENSITY
-from vtff_iono.density.slow_errors import SlowErrors, scale_of_learned
+from vtff_iono.density.content_design import CHANGE, FIRST_SHAPE, content_design, vertical_design
+from vtff_iono.density.kernels import COMMON, DENSITY, WITHOUT_PAST
+from vtff_iono.density.slow_errors import SlowErrors
 from vtff_iono.geometry.satellite_geometry import ELEVATION_MASK_DEG
 
 __all__ = ["DensityEpoch", "DensitySettings", "ElectronDensityEstimator", "compile_kernels"]
 
-# Places of the shape of the layer and of c in the state, those of all that describes the layer, and
-# how many common states have no past at first.
-_SHAPE, _CHANGE = slice(3, 6), 6
-_LAYER = np.array([1, 3, 4, 5, 6])
-_WITHOUT_PAST = 3
+# Places of the shape of the layer in the state, and those of all that describes the layer.
+_SHAPE = slice(FIRST_SHAPE, FIRST_SHAPE + 3)
+_LAYER = np.array([1, *range(FIRST_SHAPE, FIRST_SHAPE + 3), CHANGE])
+# Cosine of the elevation of the zenith.
+_COSINE_OF_ZENITH = np.cos(np.array([0.5 * math.pi]))
 # Sigma of the shape of the layer, in its units, and of c, of which only the contents tell.
 _ANY_SHAPE = 1.0
 # s; a satellite that was not observed for longer has no slow error that is remembered.
@@ -210,6 +211,12 @@ class ElectronDensityEstimator:
         self._last_time: float | None = None
         self.slow_errors = SlowErrors()
         self._slow_variance = self.slow_errors.sigma**2
+        self._density_variance = (settings.density_sigma / ELECTRONS_PER_TECU) ** 2
+        # Variance that each common state gains in a second; none that the slow errors gain.
+        self._walk = np.zeros(COMMON + 1)
+        self._walk[0] = settings.bias_walk_tecu**2
+        self._walk[1] = self._walk[CHANGE] = settings.mapping_walk**2
+        self._walk[_SHAPE] = settings.shape_walk**2
         # State: b in TECU, a, density in TECU per metre, shape of the layer (see
         # `DensitySettings`), c, and m of each satellite in TECU.
         self._state = np.zeros(COMMON)
@@ -249,10 +256,13 @@ class ElectronDensityEstimator:
         """
         if not (math.isfinite(vtec_tecu) and 0.0 < sigma_tecu < math.inf and elapsed > 0.0):
             return
-        above = self.profile.slant_contents(np.array([0.5 * math.pi]), altitude)[:, 0]
-        design = np.zeros((1, len(self._state)))
-        design[0, :COMMON] = self._layer_design(above)
-        modelled = above[0] - above[CONSTANT] * self._state[0]
+        design, modelled = vertical_design(
+            _COSINE_OF_ZENITH,
+            altitude,
+            self.profile.altitude,
+            self.profile.densities(),
+            self._state,
+        )
         repeated = max(1.0, 2.0 * self._settings.content_time / elapsed)
         self._correct(
             design, np.array([vtec_tecu - modelled]), np.array([repeated * sigma_tecu**2])
@@ -335,28 +345,27 @@ class ElectronDensityEstimator:
         numbers = np.arange(len(observed)) if satellite is None else np.asarray(satellite)
         separation = altitude_deputy - altitude_chief
         middle = 0.5 * (altitude_chief + altitude_deputy)
-        used = (
-            np.isfinite(observed)
-            & np.isfinite(sigma)
-            & (elevations >= settings.elevation_mask).all(axis=0)
-        )
+        used = self._is_used(elevations, observed, sigma)
         if not used.any() or abs(separation) < settings.separation_minimum:
             return self._without_density(middle, separation, len(observed))
-        elapsed = self._predict(time, numbers[used].tolist())
+        numbers_used: list[int] = numbers[used].tolist()
+        elapsed = self._predict(time, numbers_used)
         self._add_content(altitude_chief, vtec_chief_tecu, vtec_sigma_tecu, elapsed)
-        common = self._common_design(elevations[:, used], altitude_chief, altitude_deputy)
-        residual = observed[used] - self._modelled(common)
-        fast_variance = sigma[used] ** 2 + (settings.mapping_noise * common[:, _CHANGE]) ** 2
+        common, modelled = self._design(elevations[:, used], altitude_chief, altitude_deputy)
+        residual = observed[used] - modelled
+        fast_variance = sigma[used] ** 2 + (settings.mapping_noise * common[:, CHANGE]) ** 2
         if self._is_bias_new:
             # It contains integers and may be anything: the first contents tell where it is.
             self._is_bias_new = False
             self._state[0] = float(np.median(residual))
-        places = self._places(numbers[used].tolist())
-        independent = np.broadcast_to(
-            True if is_independent is None else np.asarray(is_independent, dtype=bool), used.shape
+        places = self._places(numbers_used)
+        independent = (
+            np.ones(len(residual), dtype=bool)
+            if is_independent is None
+            else np.asarray(is_independent, dtype=bool)[used]
         )
         design, kept, count, has_check = self._examine(
-            common, places, residual, fast_variance, independent[used]
+            common, places, residual, fast_variance, independent
         )
         if self._is_checked and not has_check:
             return self._without_density(middle, separation, len(observed))
@@ -382,7 +391,7 @@ class ElectronDensityEstimator:
             horizontal_sigma_tecu,
         )
         self._update_model()
-        self._is_checked |= count >= _WITHOUT_PAST + settings.spare_satellites
+        self._is_checked |= count >= WITHOUT_PAST + settings.spare_satellites
         if not (has_check and epoch.sigma <= settings.largest_sigma):
             return replace(epoch, density=math.nan, sigma=math.nan)
         self.profile.absorb(
@@ -433,18 +442,17 @@ class ElectronDensityEstimator:
         elevations = np.array([elevation_chief, elevation_deputy])
         separation = altitude_deputy - altitude_chief
         middle = 0.5 * (altitude_chief + altitude_deputy)
-        used = np.isfinite(differential_stec_tecu) & np.isfinite(sigma_tecu)
-        used &= (elevations >= self._settings.elevation_mask).all(axis=0)
+        used = self._is_used(elevations, differential_stec_tecu, sigma_tecu)
         nothing = now._without_density(middle, separation, len(used))
         if not (self._is_checked and used.any()):
             return nothing
-        common = now._common_design(elevations[:, used], altitude_chief, altitude_deputy)
-        residual = differential_stec_tecu[used] - now._modelled(common)
+        common, modelled = now._design(elevations[:, used], altitude_chief, altitude_deputy)
+        residual = differential_stec_tecu[used] - modelled
         places = now._places(np.asarray(satellite)[used].tolist())
         # The slow errors of then are not all those of now.
         lost = 1.0 - math.exp(-2.0 * elapsed / self.slow_errors.correlation_time)
         variance = sigma_tecu[used] ** 2
-        variance += (self._settings.mapping_noise * common[:, _CHANGE]) ** 2
+        variance += (self._settings.mapping_noise * common[:, CHANGE]) ** 2
         variance += np.where(places < 0, 1.0, lost) * self.slow_errors.sigma**2
         independent = np.ones(len(residual), dtype=bool)
         design, kept, _, has_check = now._examine(common, places, residual, variance, independent)
@@ -480,18 +488,26 @@ class ElectronDensityEstimator:
         they are enough for that. Arguments are those of `kernels.compare`, contents less those that
         are modelled, TECU, and those of `update`.
         """
-        design, contents, spread = kernels.compare(
-            common, places, self._state, self._covariance, fast_variance
+        settings = self._settings
+        design, innovation, spread, is_wrong, is_any_off, unknown = kernels.examine(
+            common,
+            places,
+            self._state,
+            self._covariance,
+            residual,
+            fast_variance,
+            self._is_checked,
+            settings.outlier_sigmas,
+            settings.outlier_tecu,
         )
-        unknown = self._count_unknown(common) if self._is_checked else _WITHOUT_PAST
-        kept = ~self._contradictions(residual - contents, spread, unknown)
-        if self._is_checked:
-            innovation, spread = (residual - contents)[kept], spread[np.ix_(kept, kept)]
-            fast_variance[kept] += self._unsaid_variance(innovation, spread, unknown)
+        kept = ~is_wrong
+        if self._is_checked and is_any_off:
+            of_kept = spread[np.ix_(kept, kept)]
+            fast_variance[kept] += self._unsaid_variance(innovation[kept], of_kept, unknown)
         # Where noise hides a wrong integer, a satellite checks nothing.
         checks = kept & is_independent & (fast_variance < _LARGEST_NOISE**2)
         count = int(np.count_nonzero(checks))
-        return design, kept, count, count >= unknown + self._settings.spare_satellites
+        return design, kept, count, count >= unknown + settings.spare_satellites
 
     def _epoch(
         self,
@@ -577,71 +593,46 @@ class ElectronDensityEstimator:
             self._predict(time, [])
         elevations = np.array([elevation_chief, elevation_deputy], dtype=float)
         numbers = np.arange(elevations.shape[1]) if satellite is None else np.asarray(satellite)
-        common = self._common_design(elevations, altitude_chief, altitude_deputy)
+        common, modelled = self._design(elevations, altitude_chief, altitude_deputy)
         places = self._places(numbers.tolist())
         own = np.where(places < 0, self.slow_errors.sigma**2, 0.0)
-        own += (self._settings.mapping_noise * common[:, _CHANGE]) ** 2
-        state, covariance = self._with_likely_density(altitude_chief, altitude_deputy)
-        _, contents, spread = kernels.compare(common, places, state, covariance, own)
-        return self._modelled(common) + contents, spread
+        own += (self._settings.mapping_noise * common[:, CHANGE]) ** 2
+        # The density of the profile, and its own size.
+        density = self.profile.mean_density(altitude_chief, altitude_deputy) / ELECTRONS_PER_TECU
+        contents, spread = kernels.likely_contents(
+            common,
+            modelled,
+            places,
+            self._state,
+            self._covariance,
+            own,
+            density,
+            (density + _LEAST_SPREAD / ELECTRONS_PER_TECU) ** 2,
+        )
+        return contents, spread
 
-    def _with_likely_density(
-        self, altitude_chief: float, altitude_deputy: float
-    ) -> tuple[FloatArray, FloatArray]:
-        """Return state and covariance, the density of the profile and its own size added."""
-        modelled = self.profile.mean_density(altitude_chief, altitude_deputy) / ELECTRONS_PER_TECU
-        variance = (modelled + _LEAST_SPREAD / ELECTRONS_PER_TECU) ** 2
-        gain = self._covariance[:, DENSITY] / (self._covariance[DENSITY, DENSITY] + variance)
-        state = self._state + gain * (modelled - self._state[DENSITY])
-        return state, self._covariance - np.outer(gain, self._covariance[DENSITY, :])
+    def _is_used(
+        self, elevations: FloatArray, observed: FloatArray, sigma: FloatArray
+    ) -> npt.NDArray[np.bool_]:
+        """Return which contents are known and come from high enough, shape (n,)."""
+        lowest = np.minimum(elevations[0], elevations[1])
+        used = np.isfinite(observed) & np.isfinite(sigma)
+        return np.asarray(used & (lowest >= self._settings.elevation_mask))
 
-    def _common_design(
+    def _design(
         self, elevations: FloatArray, altitude_chief: float, altitude_deputy: float
-    ) -> FloatArray:
-        """Return the derivatives of the contents with respect to the common states, (n, COMMON).
-
-        The derivative with respect to c is the modelled content: G, and the density of the profile
-        between the spacecraft.
-        """
-        altitudes = (altitude_chief, altitude_deputy)
-        path = (altitude_deputy - altitude_chief) / np.sin(elevations.mean(axis=0))
-        of_chief = self.profile.slant_contents(elevations[0], altitude_chief)
-        contents = self.profile.slant_contents(elevations[1], altitude_deputy) - of_chief
-        between = np.empty(len(contents))
-        between[0] = self.profile.mean_density(*altitudes)
-        between[1:] = self.profile.mean_derivatives(*altitudes)
-        contents += between[:, np.newaxis] / ELECTRONS_PER_TECU * path
-        common = self._layer_design(contents)
-        common[:, 0] += 1.0
-        common[:, DENSITY] = -path
-        return common
-
-    def _layer_design(self, contents: FloatArray) -> FloatArray:
-        """Return the derivatives of contents of the layer with respect to the common states.
-
-        `contents` are those of `RunningProfile.densities`, (6, ...); the result is (..., COMMON).
-        """
-        design = np.zeros((*contents.shape[1:], COMMON))
-        design[..., 0], design[..., 1] = contents[CONSTANT], contents[SIZE]
-        # What is not measured is the model, its shape changed, times 1 + a.
-        design[..., _SHAPE] = (1.0 + self._state[1]) * np.moveaxis(contents[SHAPE], 0, -1)
-        design[..., _CHANGE] = contents[0]
-        return design
-
-    def _modelled(self, common: FloatArray) -> FloatArray:
-        """Return the contents, TECU, (n,), of a state that is zero but for the profile's own b.
-
-        `common` is that of `_common_design`: what of the profile changes with b is in the product
-        of derivative and state, too.
-        """
-        return np.asarray(common[:, _CHANGE] - (common[:, 0] - 1.0) * self._state[0])
-
-    def _count_unknown(self, common: FloatArray) -> int:
-        """Return how many of b, a and density the past does not tell to the size of an outlier."""
-        sigma = np.sqrt(np.diag(self._covariance)[:_WITHOUT_PAST])
-        # What all contents share of a is as b is.
-        effect = sigma * np.array([1.0, np.ptp(common[:, 1]), math.inf])
-        return int(np.count_nonzero(effect > self._settings.outlier_tecu))
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return derivatives (n, COMMON) and modelled contents, TECU, see `content_design`."""
+        common, modelled = content_design(
+            np.cos(elevations),
+            np.sin(0.5 * (elevations[0] + elevations[1])),
+            altitude_chief,
+            altitude_deputy,
+            self.profile.altitude,
+            self.profile.densities(),
+            self._state,
+        )
+        return common, modelled
 
     def _places(self, satellites: list[int]) -> npt.NDArray[np.int64]:
         """Return the places of the slow errors of satellites in the state; -1 for none."""
@@ -649,40 +640,34 @@ class ElectronDensityEstimator:
 
     def _predict(self, time: float, satellites: list[int]) -> float:
         """Predict the state at a time; return how long that is after the last one, s."""
-        settings = self._settings
         elapsed = 0.0 if self._last_time is None else max(0.0, time - self._last_time)
         self._last_time = time
         self._seen |= dict.fromkeys(satellites, time)
         self._arrange(time)
+        # What the errors of measurements prove to be changes what was learned from them.
         variance = self.slow_errors.sigma**2
-        # Where errors prove larger or smaller than was believed, so does what they have done so far
-        # to b and m, and to what describes the layer.
         ratio = variance / self._slow_variance
         self._slow_variance = variance
-        scale = np.full(COMMON + 1, math.sqrt(ratio))
-        known = self._covariance[_LAYER, _LAYER]
-        scale[_LAYER] = scale_of_learned(ratio, known, self._first_variance)
         decay = math.exp(-elapsed / self.slow_errors.correlation_time)
-        gained = np.zeros(COMMON + 1)
-        gained[0] = settings.bias_walk_tecu**2 * elapsed
-        gained[1] = gained[_CHANGE] = settings.mapping_walk**2 * elapsed
-        gained[_SHAPE] = settings.shape_walk**2 * elapsed
+        gained = self._walk * elapsed
         gained[COMMON] = variance * (1.0 - decay * decay)
         # What the constant has drifted by since is no error of what was measured before.
         known = float(self._covariance[0, 0])
         self.profile.loosen_constant(known / (known + float(gained[0])))
-        kernels.pass_time(self._state, self._covariance, scale, decay, gained)
-        known_layer = self._covariance[_LAYER, _LAYER]
-        self._covariance[_LAYER, _LAYER] = np.minimum(known_layer, self._first_variance)
-        self._forget_density()
+        kernels.predict(
+            self._state,
+            self._covariance,
+            ratio,
+            decay,
+            gained,
+            self._first_variance,
+            self._density_variance,
+        )
         return elapsed
 
     def _forget_density(self) -> None:
         """Forget the density, which is new at each epoch."""
-        self._state[DENSITY] = 0.0
-        self._covariance[DENSITY, :] = self._covariance[:, DENSITY] = 0.0
-        sigma = self._settings.density_sigma / ELECTRONS_PER_TECU
-        self._covariance[DENSITY, DENSITY] = sigma**2
+        kernels.forget_density(self._state, self._covariance, self._density_variance)
 
     def _arrange(self, time: float) -> None:
         """Give each satellite that is observed a place in the state, forget those long gone."""
@@ -714,17 +699,7 @@ class ElectronDensityEstimator:
         covariance : ndarray, shape (n, n)
             Their covariance, TECU^2.
         """
-        unknown = 1 if self.is_bias_known else _WITHOUT_PAST
-        return self._contradictions(innovation, covariance, unknown)
-
-    def _contradictions(
-        self, innovation: FloatArray, covariance: FloatArray, unknown: int
-    ) -> npt.NDArray[np.bool_]:
-        """Return which contents contradict the others and the past, one by one (Baarda 1968).
-
-        Each content is compared with what all others that are kept, and the state, predict of it;
-        `unknown` states have no past.
-        """
+        unknown = 1 if self.is_bias_known else WITHOUT_PAST
         found: npt.NDArray[np.bool_] = kernels.find_contradictions(
             innovation,
             covariance,
@@ -740,7 +715,8 @@ class ElectronDensityEstimator:
         """Return the variances that contents must have beside those they came with, TECU^2, (n,).
 
         A content that contradicts the others by less than any integer makes has begun to fluctuate:
-        within a second a fade that begins hardly shows. Arguments as in `_contradictions`.
+        within a second a fade that begins hardly shows. Arguments as in `find_outliers`; `unknown`
+        states have no past.
         """
         variance = np.zeros(len(innovation))
         sigmas = self._settings.outlier_sigmas

@@ -18,11 +18,17 @@ from vtff_dynamics.compiled import compiled
 __all__ = [
     "COMMON",
     "DENSITY",
+    "WITHOUT_PAST",
     "compare",
     "correct",
+    "examine",
     "find_contradictions",
+    "forget_density",
+    "likely_contents",
     "pass_time",
+    "predict",
     "satellite_densities",
+    "scale_of_learned",
     "slow_residuals",
 ]
 
@@ -31,6 +37,12 @@ COMMON = 7
 
 DENSITY = 2
 """Place of the density in the state."""
+
+WITHOUT_PAST = 3
+"""How many common states have no past at first."""
+
+# States that describe the layer, all but b and the density.
+_LAYER = (1, 3, 4, 5, 6)
 
 # The columns of a design are not independent where a pivot is smaller than this part of the
 # largest one.
@@ -95,6 +107,67 @@ def pass_time(state, covariance, scale, decay, gained):  # type: ignore[no-untyp
 
 
 @compiled
+def forget_density(state, covariance, variance):  # type: ignore[no-untyped-def]
+    """Forget the density, whose variance is then a given one, in state and covariance in place."""
+    state[DENSITY] = 0.0
+    covariance[DENSITY, :] = 0.0
+    covariance[:, DENSITY] = 0.0
+    covariance[DENSITY, DENSITY] = variance
+
+
+@compiled
+def scale_of_learned(ratio, variance, first_variance):  # type: ignore[no-untyped-def]
+    """Return the factors of the sigmas of states that measurements have told, shape (n,).
+
+    One over the variance of a state is that before any measurement and that of the measurements.
+    The latter were believed to have another variance.
+
+    Parameters
+    ----------
+    ratio : float
+        Variance of the measurements over that which was believed.
+    variance, first_variance : ndarray, shape (n,)
+        Variances of the states now, and before any measurement.
+    """
+    part = np.maximum(1.0 - variance / first_variance, 0.0)
+    return 1.0 / np.sqrt(1.0 + part * (1.0 / ratio - 1.0))
+
+
+@compiled
+def predict(  # type: ignore[no-untyped-def]
+    state, covariance, ratio, decay, gained, first_variance, density_variance
+):
+    """Predict state and covariance of the next epoch, both in place.
+
+    Parameters
+    ----------
+    state, covariance, decay, gained
+        As in `pass_time`.
+    ratio : float
+        Variance of the slow errors over that which was believed until now. Where errors prove
+        larger or smaller than was believed, so does what they have done so far to b and m, and to
+        what describes the layer.
+    first_variance : ndarray, shape (5,)
+        Variances of what describes the layer before any content, which they never exceed.
+    density_variance : float
+        Variance of the density, which is new at each epoch.
+    """
+    known = np.empty(len(_LAYER))
+    for number in range(len(_LAYER)):
+        known[number] = covariance[_LAYER[number], _LAYER[number]]
+    of_layer = scale_of_learned(ratio, known, first_variance)
+    scale = np.full(COMMON + 1, math.sqrt(ratio))
+    for number in range(len(_LAYER)):
+        scale[_LAYER[number]] = of_layer[number]
+    pass_time(state, covariance, scale, decay, gained)
+    for number in range(len(_LAYER)):
+        place = _LAYER[number]
+        if covariance[place, place] > first_variance[number]:
+            covariance[place, place] = first_variance[number]
+    forget_density(state, covariance, density_variance)
+
+
+@compiled
 def compare(common, places, state, covariance, own_variance):  # type: ignore[no-untyped-def]
     """Return the design of contents, the contents of the state, and their covariance.
 
@@ -124,6 +197,63 @@ def compare(common, places, state, covariance, own_variance):  # type: ignore[no
 
 
 @compiled
+def likely_contents(  # type: ignore[no-untyped-def]
+    common, modelled, places, state, covariance, own_variance, density, density_variance
+):
+    """Return contents with a density that is likely beforehand, (n,), and their covariance.
+
+    Parameters
+    ----------
+    common, places, state, covariance, own_variance
+        As in `compare`; a satellite without a place has the variance of the slow error in its own.
+    modelled : ndarray, shape (n,)
+        Contents of a state of zero.
+    density, density_variance : float
+        Likely density and its variance.
+    """
+    size = len(state)
+    gain = covariance[:, DENSITY] / (covariance[DENSITY, DENSITY] + density_variance)
+    likely, spread_of_state = np.empty(size), np.empty((size, size))
+    for row in range(size):
+        likely[row] = state[row] + gain[row] * (density - state[DENSITY])
+        for column in range(size):
+            change = gain[row] * covariance[DENSITY, column]
+            spread_of_state[row, column] = covariance[row, column] - change
+    _, contents, spread = compare(common, places, likely, spread_of_state, own_variance)
+    return modelled + contents, spread
+
+
+@compiled
+def _find_contradictions(  # type: ignore[no-untyped-def]
+    innovation, covariance, unknown, largest_sigmas, largest_error
+):
+    """Return which contents contradict the others, and whether any other is off by more sigmas.
+
+    Arguments as in `find_contradictions`.
+    """
+    is_wrong = np.zeros(len(innovation), dtype=np.bool_)
+    while True:
+        kept = np.flatnonzero(~is_wrong)
+        if len(kept) <= unknown:
+            return is_wrong, False
+        inverse = np.eye(len(kept))
+        _solve(_factorise(covariance[kept][:, kept]), inverse)
+        # Content less prediction of the others, and in its sigmas.
+        worst, largest_ratio, error_of_worst = -1, -1.0, 0.0
+        for row in range(len(kept)):
+            error = 0.0
+            for column in range(len(kept)):
+                error += inverse[row, column] * innovation[kept[column]]
+            error /= inverse[row, row]
+            ratio = abs(error) * math.sqrt(inverse[row, row])
+            if ratio > largest_ratio:
+                worst, largest_ratio, error_of_worst = row, ratio, error
+        if not (largest_ratio > largest_sigmas and abs(error_of_worst) > largest_error):
+            return is_wrong, largest_ratio > largest_sigmas and abs(error_of_worst) > 0.0
+        is_wrong[kept[worst]] = True
+
+
+@compiled
 def find_contradictions(  # type: ignore[no-untyped-def]
     innovation, covariance, unknown, largest_sigmas, largest_error
 ):
@@ -140,26 +270,67 @@ def find_contradictions(  # type: ignore[no-untyped-def]
     largest_sigmas, largest_error : float
         A content contradicts if it is off by more than both.
     """
-    is_wrong = np.zeros(len(innovation), dtype=np.bool_)
-    while True:
-        kept = np.flatnonzero(~is_wrong)
-        if len(kept) <= unknown:
-            return is_wrong
-        inverse = np.eye(len(kept))
-        _solve(_factorise(covariance[kept][:, kept]), inverse)
-        # Content less prediction of the others, and in its sigmas.
-        worst, largest_ratio, error_of_worst = -1, -1.0, 0.0
-        for row in range(len(kept)):
-            error = 0.0
-            for column in range(len(kept)):
-                error += inverse[row, column] * innovation[kept[column]]
-            error /= inverse[row, row]
-            ratio = abs(error) * math.sqrt(inverse[row, row])
-            if ratio > largest_ratio:
-                worst, largest_ratio, error_of_worst = row, ratio, error
-        if not (largest_ratio > largest_sigmas and abs(error_of_worst) > largest_error):
-            return is_wrong
-        is_wrong[kept[worst]] = True
+    is_wrong, _ = _find_contradictions(
+        innovation, covariance, unknown, largest_sigmas, largest_error
+    )
+    return is_wrong
+
+
+@compiled
+def examine(  # type: ignore[no-untyped-def]
+    common,
+    places,
+    state,
+    covariance,
+    residual,
+    fast_variance,
+    is_checked,
+    largest_sigmas,
+    largest_error,
+):
+    """Compare contents with each other and the past.
+
+    Parameters
+    ----------
+    common, places, state, covariance
+        As in `compare`.
+    residual, fast_variance : ndarray, shape (n,)
+        Contents less those that are modelled, and the variances of their fast errors.
+    is_checked : bool
+        Whether so many contents have agreed that the past tells of b, a and density what the
+        covariance says.
+    largest_sigmas, largest_error : float
+        As in `find_contradictions`.
+
+    Returns
+    -------
+    design : ndarray, shape (n, m)
+    innovation, spread : ndarray, shapes (n,), (n, n)
+        Contents less those that the state predicts, and their covariance.
+    is_wrong : ndarray of bool, shape (n,)
+        As `find_contradictions` returns them.
+    is_any_off : bool
+        Whether another content is off by more sigmas than these, though not by as much.
+    unknown : int
+        How many of b, a and density the past does not tell to the size of an error.
+    """
+    design, contents, spread = compare(common, places, state, covariance, fast_variance)
+    unknown = WITHOUT_PAST
+    if is_checked:
+        # What all contents share of a is as b is; the density is new.
+        effect_of_bias = math.sqrt(covariance[0, 0])
+        range_of_size = common[:, 1].max() - common[:, 1].min()
+        effect_of_size = math.sqrt(covariance[1, 1]) * range_of_size
+        effect_of_density = math.sqrt(covariance[DENSITY, DENSITY]) * math.inf
+        unknown = 0
+        unknown += effect_of_bias > largest_error
+        unknown += effect_of_size > largest_error
+        unknown += effect_of_density > largest_error
+    innovation = residual - contents
+    is_wrong, is_any_off = _find_contradictions(
+        innovation, spread, unknown, largest_sigmas, largest_error
+    )
+    return design, innovation, spread, is_wrong, is_any_off, unknown
 
 
 @compiled

@@ -19,7 +19,7 @@ import numpy.typing as npt
 from vtff_dynamics.vectors import FloatArray
 from vtff_iono.density import kernels
 
-__all__ = ["SlowErrors", "scale_of_learned"]
+__all__ = ["SlowErrors"]
 
 # What is taken to be until it is measured: sigma, TECU (1.5 mm on each of four phases), and
 # correlation time, s, and as how many satellite-seconds of measurements they count; those of the
@@ -44,7 +44,15 @@ _SMALLEST_SIGMA = 1e-4  # TECU
 
 
 class SlowErrors:
-    """Sigma and correlation time of the slow error of a satellite, the same for all of them."""
+    """Sigma and correlation time of the slow error of a satellite, the same for all of them.
+
+    Attributes
+    ----------
+    sigma : float
+        TECU: root of the expected variance, known from few independent samples.
+    correlation_time : float
+        Time after which the correlation is 1/e, s.
+    """
 
     def __init__(self) -> None:
         self._first_weight = _FIRST_WEIGHT
@@ -53,10 +61,14 @@ class SlowErrors:
         self._product = self._of_product * math.exp(-_LAG / _FIRST_TIME)
         self._recent: deque[tuple[float, dict[int, float]]] = deque()
         self._last_time: float | None = None
+        self._renew()
 
-    @property
-    def sigma(self) -> float:
-        """Sigma, TECU: root of the expected variance, known from few independent samples."""
+    def _renew(self) -> None:
+        """Compute sigma and correlation time anew from the sums of measurements."""
+        self.correlation_time = self._expected_time()
+        self.sigma = self._expected_sigma()
+
+    def _expected_sigma(self) -> float:
         square = max(0.0, self._square) + self._first_weight * _FIRST_SIGMA**2
         weight = self._weight + self._first_weight
         # An exponential correlation makes of a time as many independent squares (Bartlett 1946).
@@ -68,9 +80,7 @@ class SlowErrors:
         variance = square / weight * samples / (samples - 2.0)
         return max(math.sqrt(variance), _SMALLEST_SIGMA)
 
-    @property
-    def correlation_time(self) -> float:
-        """Time after which the correlation is 1/e, s."""
+    def _expected_time(self) -> float:
         correlation = self._product / max(self._of_product, 1e-12)
         if not 0.0 < correlation < 1.0:
             return _SHORTEST_TIME if correlation <= 0.0 else _LONGEST_TIME
@@ -113,6 +123,7 @@ class SlowErrors:
         kept = math.exp(-elapsed / _MEMORY)
         self._forget(kept)
         self._first_weight *= math.exp(-elapsed / _FORGOTTEN)
+        self._renew()
         # Satellites that fluctuate fast tell little about slow errors, and where they fluctuate by
         # more than these, only how well the sigma of the fluctuations is known.
         trust = (self.sigma**2 * weight**2) ** 2 + 1e-3
@@ -120,10 +131,13 @@ class SlowErrors:
         self._square += float(trust @ (residual**2 - freedom * fast_variance))
         self._weight += float(trust @ freedom)
         self._add_products(time, satellites, residual, freedom * fast_variance, trust)
+        self._renew()
 
     def _forget(self, kept: float) -> None:
-        for name in ("_square", "_weight", "_product", "_of_product"):
-            setattr(self, name, kept * getattr(self, name))
+        self._square *= kept
+        self._weight *= kept
+        self._product *= kept
+        self._of_product *= kept
 
     def _add_products(
         self,
@@ -145,20 +159,3 @@ class SlowErrors:
                 self._product += weight * now[satellite] * before[satellite]
                 squares = 0.5 * (now[satellite] ** 2 + before[satellite] ** 2)
                 self._of_product += weight * max(squares - variance, 0.0)
-
-
-def scale_of_learned(ratio: float, variance: FloatArray, first_variance: FloatArray) -> FloatArray:
-    """Return the factors of the sigmas of states that measurements have told, shape (n,).
-
-    One over the variance of a state is that before any measurement and that of the measurements.
-    The latter were believed to have another variance.
-
-    Parameters
-    ----------
-    ratio : float
-        Variance of the measurements over that which was believed.
-    variance, first_variance : ndarray, shape (n,)
-        Variances of the states now, and before any measurement.
-    """
-    part = np.maximum(1.0 - variance / first_variance, 0.0)
-    return np.asarray(1.0 / np.sqrt(1.0 + part * (1.0 / ratio - 1.0)))

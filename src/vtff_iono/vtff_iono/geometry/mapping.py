@@ -24,6 +24,7 @@ from vtff_gnss.constants import ELECTRONS_PER_TECU
 __all__ = [
     "GROUND_SHELL_HEIGHT",
     "LOWEST_ORBIT",
+    "contents_of_rays",
     "distance_to_altitude",
     "foelsche_kirchengast_mapping",
     "mapping_factor",
@@ -147,18 +148,26 @@ def profile_content(
     perigee = np.asarray(radius * np.cos(elevation), dtype=float)
     start = np.full(perigee.shape, radius, dtype=float)
     densities = np.ascontiguousarray(np.atleast_2d(density))
-    content: FloatArray = _profile_contents(perigee.ravel(), start.ravel(), altitude, densities)
+    content: FloatArray = contents_of_rays(perigee.ravel(), start.ravel(), altitude, densities)
     return content.reshape(density.shape[:-1] + perigee.shape)
 
 
 @compiled
-def _profile_contents(
-    perigee: FloatArray, radius: FloatArray, altitude: FloatArray, density: FloatArray
-) -> FloatArray:
-    """Return the contents of rays through each of k densities (k, n), TECU, shape (k, rays).
+def contents_of_rays(perigee, radius, altitude, density):  # type: ignore[no-untyped-def]
+    """Return the contents of rays through densities that depend on altitude only, compiled.
 
-    `perigee` and `radius` are the smallest distance of each ray, extended backwards, from the
-    centre, and the distance of its receiver, m.
+    Parameters
+    ----------
+    perigee, radius : ndarray, shape (rays,)
+        Smallest distance of each ray, extended backwards, from the centre, and the distance of its
+        receiver, m.
+    altitude, density : ndarray, shapes (n,), (k, n)
+        As in `profile_content`.
+
+    Returns
+    -------
+    ndarray, shape (k, rays)
+        TECU.
     """
     contents = np.zeros((len(density), len(perigee)))
     size = len(altitude)
