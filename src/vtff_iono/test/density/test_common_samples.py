@@ -48,10 +48,10 @@ def samples_by_name(rows, numbers):
 @pytest.mark.parametrize("seed", range(6))
 def test_samples_of_both_are_those_of_one_epoch_and_link(seed):
     generator = np.random.default_rng(seed)
-    numbers = ([3, NO_LINK, 0, 1, 2], [0, 1, 2, NO_LINK, 3, 5])
+    numbers = (np.array([3, NO_LINK, 0, 1, 2]), np.array([0, 1, 2, NO_LINK, 3, 5]))
     chief = draw_rows(generator, np.flatnonzero(generator.random(20) < 0.8), 5)
     deputy = draw_rows(generator, np.flatnonzero(generator.random(20) < 0.8), 6)
-    first, second, link = common_samples((chief, deputy), numbers)
+    (first, second, link), last_arcs = common_samples((chief, deputy), numbers)
     names = [
         samples_by_name(rows, table) for rows, table in zip((chief, deputy), numbers, strict=True)
     ]
@@ -59,6 +59,12 @@ def test_samples_of_both_are_those_of_one_epoch_and_link(seed):
     found = list(zip(first.tolist(), second.tolist(), link.tolist(), strict=True))
     assert len(found) > 5 and set(found) == expected and len(set(found)) == len(found)
     assert (np.diff(first) > 0).all()
+    for rows, table, arcs in zip((chief, deputy), numbers, last_arcs, strict=True):
+        expected_arcs = np.zeros(6, dtype=int)
+        for own, arc in zip(rows.pairs.link.tolist(), rows.arc.tolist(), strict=True):
+            if own >= 0 and table[own] != NO_LINK:
+                expected_arcs[table[own]] = arc
+        assert arcs.tolist() == expected_arcs.tolist()
 
 
 def test_without_rows_nothing_is_common():
@@ -70,8 +76,13 @@ def test_without_rows_nothing_is_common():
         rejected=rows.rejected[:0],
     )
     nothing = type("Rows", (), {**vars(nothing), "__len__": lambda self: 0})()
-    assert all(len(part) == 0 for part in common_samples((rows, nothing), ([0, 1], [])))
-    assert all(len(part) == 0 for part in common_samples((nothing, nothing), ([], [])))
+    none = np.zeros(0, dtype=np.int64)
+    for both, numbers in (
+        ((rows, nothing), (np.array([0, 1]), none)),
+        ((nothing, nothing), (none, none)),
+    ):
+        samples, _ = common_samples(both, numbers)
+        assert all(len(part) == 0 for part in samples)
 
 
 @pytest.mark.parametrize("seed", range(4))

@@ -256,10 +256,10 @@ def test_one_second_of_20_hz_samples_is_good_to_5_milli_tecu():
     noise = 9.51775 * 1e-3 * 2.0 * generator.standard_normal(len(time))
     average = SecondAverage()
     satellite = np.zeros(len(time), dtype=np.int64)
-    columns = {"content": slope + noise, "altitude": slope}
+    columns = np.column_stack((slope + noise, slope))
     means = list(average.update(time, satellite, columns))
     assert len(means) == 500 and all(samples[0] == 20 for *_, samples in means)
-    error = np.array([mean["content"][0] - mean["altitude"][0] for _, _, mean, _ in means])
+    error = np.array([mean[0, 0] - mean[1, 0] for _, _, mean, _ in means])
     assert np.sqrt(np.mean(error**2)) <= 0.005
     middle = np.array([when for when, *_ in means])
     assert middle[0] == START + 0.475e9
@@ -267,10 +267,8 @@ def test_one_second_of_20_hz_samples_is_good_to_5_milli_tecu():
     pieces = []
     for start in range(0, len(time), 7):
         part = slice(start, start + 7)
-        pieces += online.update(
-            time[part], satellite[part], {name: v[part] for name, v in columns.items()}
-        )
-    assert [p.columns["content"][0] for p in pieces] == [m.columns["content"][0] for m in means]
+        pieces += online.update(time[part], satellite[part], columns[part])
+    assert [p.columns[0, 0] for p in pieces] == [m.columns[0, 0] for m in means]
 
 
 def samples(separation, seed=1):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -10,7 +10,7 @@ import numpy.typing as npt
 from vtff_dynamics.compiled import compiled
 from vtff_iono.content.slant_tec import Rejection, SlantTecRows
 
-__all__ = ["NO_LINK", "common_samples", "squared_steps"]
+__all__ = ["NO_LINK", "CommonSamples", "common_samples", "squared_steps"]
 
 IntArray = npt.NDArray[np.int64]
 
@@ -23,57 +23,96 @@ _NO_PHASE = np.uint16(
 )
 
 
+class CommonSamples(NamedTuple):
+    """Rows of chief and deputy of the same epochs and links.
+
+    Attributes
+    ----------
+    chief, deputy, link : ndarray of int64, shape (n,)
+        Rows of both spacecraft, and their links by the numbers common to both.
+    """
+
+    chief: IntArray
+    deputy: IntArray
+    link: IntArray
+
+
 def common_samples(
-    rows: tuple[SlantTecRows, SlantTecRows], numbers: tuple[Sequence[int], Sequence[int]]
-) -> tuple[IntArray, IntArray, IntArray]:
-    """Return the rows of chief and deputy of the same epochs and links, and these links.
+    rows: tuple[SlantTecRows, SlantTecRows], numbers: tuple[IntArray, IntArray]
+) -> tuple[CommonSamples, IntArray]:
+    """Return the rows of both spacecraft of the same epochs and links, and the last arcs of links.
 
     Only rows with a phase in the last arc of their link are returned, in the order of the chief.
+    The last arcs are those of chief and deputy, shape (2, links), 0 for a link without rows.
 
     Parameters
     ----------
     rows : tuple of SlantTecRows
         Rows of chief and deputy, epoch by epoch.
-    numbers : tuple of sequence of int
+    numbers : tuple of ndarray of int64
         For both, the numbers of the links common to them by their own ones; `NO_LINK` for others.
     """
-    samples = []
-    for rows_of_craft, numbers_of_craft in zip(rows, numbers, strict=True):
-        # Rows without a link have the last number.
-        table = np.array([*numbers_of_craft, NO_LINK], dtype=np.int64)
-        link = table[rows_of_craft.pairs.link] if len(rows_of_craft) else np.zeros(0, np.int64)
-        samples.append((rows_of_craft.pairs.time, link, rows_of_craft.arc, rows_of_craft.rejected))
-    links = 1 + max((max(of_craft, default=NO_LINK) for of_craft in numbers), default=NO_LINK)
-    first, second, link = _common_samples(*samples[0], *samples[1], links, _NO_PHASE)
-    return first, second, link
+    chief, deputy = rows
+    found, last_arcs = _common_samples(
+        chief.pairs.time,
+        chief.pairs.link,
+        chief.arc,
+        chief.rejected,
+        numbers[0],
+        deputy.pairs.time,
+        deputy.pairs.link,
+        deputy.arc,
+        deputy.rejected,
+        numbers[1],
+        _NO_PHASE,
+    )
+    return CommonSamples(*found), last_arcs
 
 
 @compiled
-def _last_arcs(link, arc, links):  # type: ignore[no-untyped-def]
-    """Return the arc of the last row of each link."""
-    last = np.zeros(links, dtype=np.int64)
+def _common_links(link, numbers):  # type: ignore[no-untyped-def]
+    """Return the links of rows by the numbers common to both receivers, `NO_LINK` for others."""
+    common = np.full(len(link), NO_LINK, dtype=np.int64)
+    for row in range(len(link)):
+        if link[row] >= 0:
+            common[row] = numbers[link[row]]
+    return common
+
+
+@compiled
+def _last_arcs(link, arc, last):  # type: ignore[no-untyped-def]
+    """Set the arc of the last row of each link (links,), in place."""
     for row in range(len(link)):
         if link[row] >= 0:
             last[link[row]] = arc[row]
-    return last
 
 
 @compiled
 def _common_samples(  # type: ignore[no-untyped-def]
     time_first,
-    link_first,
+    own_link_first,
     arc_first,
     rejected_first,
+    numbers_first,
     time_second,
-    link_second,
+    own_link_second,
     arc_second,
     rejected_second,
-    links,
+    numbers_second,
     no_phase,
 ):
-    """Return the rows of two receivers of the same epochs and links, and these links."""
-    last_first = _last_arcs(link_first, arc_first, links)
-    last_second = _last_arcs(link_second, arc_second, links)
+    """Return rows of two receivers and links, (3, n), and last arcs; see `common_samples`."""
+    link_first = _common_links(own_link_first, numbers_first)
+    link_second = _common_links(own_link_second, numbers_second)
+    links = 0
+    for number in numbers_first:
+        links = max(links, number + 1)
+    for number in numbers_second:
+        links = max(links, number + 1)
+    last_arcs = np.zeros((2, links), dtype=np.int64)
+    last_first, last_second = last_arcs[0], last_arcs[1]
+    _last_arcs(link_first, arc_first, last_first)
+    _last_arcs(link_second, arc_second, last_second)
     most = min(len(time_first), len(time_second))
     found = np.empty((3, most), dtype=np.int64)
     count = 0
@@ -103,7 +142,7 @@ def _common_samples(  # type: ignore[no-untyped-def]
             if link_second[other] >= 0:
                 row_of_link[link_second[other]] = -1
         begin = end
-    return found[0, :count], found[1, :count], found[2, :count]
+    return found[:, :count].copy(), last_arcs
 
 
 @compiled

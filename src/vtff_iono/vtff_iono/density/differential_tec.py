@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from typing import Any, NamedTuple
+from collections.abc import Iterator
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from vtff_dynamics.compiled import compiled
-from vtff_dynamics.constants import SPEED_OF_LIGHT
+from vtff_dynamics.constants import NANOSECONDS_PER_SECOND, SPEED_OF_LIGHT
 from vtff_dynamics.frames.geodetic import rotation_itrf_to_enu
 from vtff_dynamics.vectors import FloatArray
 from vtff_iono.links.geometry_free import tecu_per_metre
-from vtff_iono.links.windows import WindowBuffer
 
 __all__ = [
     "SecondAverage",
@@ -22,6 +21,8 @@ __all__ = [
     "differential_stec",
     "horizontal_sigma",
 ]
+
+IntArray = npt.NDArray[np.int64]
 
 
 def differential_stec(
@@ -81,15 +82,15 @@ class SecondMeans(NamedTuple):
         Mean time of the epochs, GPS time, ns since 1980-01-06.
     number : ndarray of int64
         Number of the series that each row belongs to.
-    columns : dict of str to ndarray
-        Means by name.
+    columns : ndarray, shape (m, n)
+        Means of m quantities.
     samples : ndarray of int64
         Number of samples of each mean.
     """
 
     time: float
     number: npt.NDArray[np.int64]
-    columns: dict[str, FloatArray]
+    columns: FloatArray
     samples: npt.NDArray[np.int64]
 
 
@@ -106,14 +107,16 @@ class SecondAverage:
     """
 
     def __init__(self, coverage_minimum: int = 1) -> None:
-        self._buffer = WindowBuffer(1.0)
         self._coverage_minimum = coverage_minimum
+        # The second that is under way, s, and its rows so far: times, numbers and quantities.
+        self._second: int | None = None
+        self._rows: list[tuple[IntArray, IntArray, FloatArray]] = []
 
     def update(
         self,
         time: npt.NDArray[np.int64],
         number: npt.NDArray[np.int64],
-        columns: Mapping[str, FloatArray],
+        columns: FloatArray,
     ) -> Iterator[SecondMeans]:
         """Add rows and yield the means of the seconds that they end.
 
@@ -124,41 +127,69 @@ class SecondAverage:
         number : ndarray of int64, shape (n,)
             Number of the series of each row: a satellite has another series after its ambiguity
             has changed.
-        columns : mapping of str to ndarray, shape (n,)
+        columns : ndarray, shape (n, m)
             Quantities; one that is NaN in a row makes the mean NaN.
         """
-        for _, window in self._buffer.update(time, {"number": number, **columns}):
-            yield self._means(window)
+        start = 0
+        while start < len(time):
+            second = int(time[start]) // NANOSECONDS_PER_SECOND
+            if self._second is not None and second != self._second:
+                yield self._means()
+            self._second = second
+            end = int(time.searchsorted((second + 1) * NANOSECONDS_PER_SECOND))
+            self._rows.append((time[start:end], number[start:end], columns[start:end]))
+            start = end
 
-    def _means(self, window: dict[str, npt.NDArray[Any]]) -> SecondMeans:
-        names = [name for name in window if name not in ("time", "number")]
-        columns = np.array([window[name] for name in names])
-        number, samples, means = _means_by_number(window["number"], columns)
-        kept = samples >= self._coverage_minimum
-        time = window["time"]
-        epochs = time[np.flatnonzero(np.diff(time, prepend=time[0] - 1))]
-        middle = float(epochs[0]) + float(np.mean(epochs - epochs[0]))
-        means_kept = dict(zip(names, means[:, kept], strict=True))
-        return SecondMeans(middle, number[kept], means_kept, samples[kept])
+    def _means(self) -> SecondMeans:
+        """Return the means of the second that is under way, and forget its rows."""
+        parts = zip(*self._rows, strict=True)
+        time, number, columns = (np.concatenate(part) for part in parts)
+        self._rows = []
+        return SecondMeans(*_means_by_number(time, number, columns, self._coverage_minimum))
 
 
 @compiled
-def _means_by_number(number, columns):  # type: ignore[no-untyped-def]
-    """Return the numbers (k,), ascending, how often each occurs, and means of columns, (m, k).
+def _means_by_number(time, number, columns, fewest):  # type: ignore[no-untyped-def]
+    """Return the mean time of epochs, numbers, ascending, means by number, and their samples.
 
-    `number` has shape (n,), `columns` (m, n).
+    The shapes are (), (k,), (m, k) and (k,); `time` and `number` have shape (n,), `columns` (n, m).
+    A number with fewer samples than `fewest` has no mean.
     """
-    found = np.unique(number)
-    samples = np.zeros(len(found), dtype=np.int64)
-    means = np.zeros((len(columns), len(found)))
-    place = np.searchsorted(found, number)
-    for row in range(len(number)):
+    rows, quantities = columns.shape
+    # Numbers in the order in which they appear; as a rule that of one epoch is that of the next.
+    found, place = np.empty(rows, dtype=np.int64), np.empty(rows, dtype=np.int64)
+    count, last = 0, -1
+    for row in range(rows):
+        last += 1
+        if last >= count or found[last] != number[row]:
+            last = 0
+            while last < count and found[last] != number[row]:
+                last += 1
+            if last == count:
+                found[count] = number[row]
+                count += 1
+        place[row] = last
+    samples = np.zeros(count, dtype=np.int64)
+    sums = np.zeros((count, quantities))
+    epochs, elapsed = 0, 0.0
+    for row in range(rows):
+        if row == 0 or time[row] != time[row - 1]:
+            epochs += 1
+            elapsed += float(time[row] - time[0])
         samples[place[row]] += 1
-        for column in range(len(columns)):
-            means[column, place[row]] += columns[column, row]
-    return found, samples, means / samples
+        for column in range(quantities):
+            sums[place[row], column] += columns[row, column]
+    order = np.argsort(found[:count])
+    kept = order[samples[order] >= fewest]
+    means = np.empty((quantities, len(kept)))
+    for place_of_mean in range(len(kept)):
+        for column in range(quantities):
+            total = sums[kept[place_of_mean], column]
+            means[column, place_of_mean] = total / samples[kept[place_of_mean]]
+    return float(time[0]) + elapsed / epochs, found[kept], means, samples[kept]
 
 
 def compile_kernels() -> None:
     """Compile the means of a second."""
-    _means_by_number(np.zeros(1, dtype=np.int64), np.zeros((1, 1)))
+    none = np.zeros(1, dtype=np.int64)
+    _means_by_number(none, none, np.zeros((1, 1)), 1)

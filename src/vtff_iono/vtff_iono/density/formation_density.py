@@ -8,10 +8,11 @@ density. Integers that are found tell the densities of the seconds before, if th
 
 from __future__ import annotations
 
+import functools
 import math
 import statistics
 from collections import deque
-from collections.abc import Hashable, Iterable, Mapping, Sequence
+from collections.abc import Collection, Hashable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -22,7 +23,7 @@ from vtff_dynamics.frames.geodetic import geodetic_from_itrf
 from vtff_dynamics.vectors import FloatArray
 from vtff_gnss.constants import SYSTEM_GPS
 from vtff_gnss.signals import SignalKey, carrier_frequency_hz
-from vtff_iono.density.common_samples import NO_LINK, common_samples, squared_steps
+from vtff_iono.density.common_samples import NO_LINK, CommonSamples, common_samples
 from vtff_iono.density.constant_check import ConstantCheck
 from vtff_iono.density.differential_tec import (
     SecondAverage,
@@ -37,6 +38,10 @@ from vtff_iono.density.electron_density import (
 )
 from vtff_iono.density.integer_datum import IntegerDatum
 from vtff_iono.density.integer_resolution import FloatingContent, IntegerResolver
+from vtff_iono.density.phase_differences import (
+    ReceiverSamples,
+    phase_differences,
+)
 from vtff_iono.density.phase_stretches import LinkSignals, PhaseStretch, PhaseStretches
 from vtff_iono.density.signal_continuity import SignalContinuity
 from vtff_iono.links.geometry_free import tecu_per_metre
@@ -135,50 +140,67 @@ class _LinkMeans:
     stretches : list of PhaseStretch
     samples : ndarray of int, shape (n,)
         Number of samples of each mean.
-    stec : ndarray, shape (n,)
-        Differential TEC, TECU.
-    deviation, deviation_squared : ndarray, shape (n,)
-        Differential TEC less that of the first sample of its stretch, TECU, and its square: without
-        integers contents are so large that their own squares have lost what they scatter by.
-    step_squared : ndarray, shape (n,)
-        Square of its change from one sample to the next, TECU^2.
-    wide_lane : ndarray, shape (n,)
-        Wide lane of the single difference less its integers, cycles.
-    geometric : ndarray, shape (n,)
-        Wide lane of the phases less that of the ranges, less its integers, cycles.
-    elevation_chief, elevation_deputy : ndarray, shape (n,)
-        rad.
+    columns : ndarray, shape (8, n)
+        Means of the columns of `phase_differences`. Deviations are from the first sample of a
+        stretch: without integers contents are so large that their own squares have lost what they
+        scatter by.
     """
 
     stretches: list[PhaseStretch]
     samples: IntArray
-    stec: FloatArray
-    deviation: FloatArray
-    deviation_squared: FloatArray
-    step_squared: FloatArray
-    wide_lane: FloatArray
-    geometric: FloatArray
-    elevation_chief: FloatArray
-    elevation_deputy: FloatArray
+    columns: FloatArray
+
+    @property
+    def stec(self) -> FloatArray:
+        """Differential TEC, TECU, shape (n,)."""
+        return np.asarray(self.columns[0])
+
+    @property
+    def wide_lane(self) -> FloatArray:
+        """Wide lane of the single difference less its integers, cycles, shape (n,)."""
+        return np.asarray(self.columns[4])
+
+    @property
+    def geometric(self) -> FloatArray:
+        """Wide lane of the phases less that of the ranges, less its integers, cycles, (n,)."""
+        return np.asarray(self.columns[5])
+
+    @property
+    def elevation_chief(self) -> FloatArray:
+        """Elevations at the chief, rad, shape (n,)."""
+        return np.asarray(self.columns[6])
+
+    @property
+    def elevation_deputy(self) -> FloatArray:
+        """Elevations at the deputy, rad, shape (n,)."""
+        return np.asarray(self.columns[7])
 
     def select(self, chosen: npt.NDArray[np.bool_]) -> _LinkMeans:
         """Return the chosen links."""
+        rows = np.flatnonzero(chosen)
+        if len(rows) == len(chosen):
+            return self
         return _LinkMeans(
-            stretches=[self.stretches[row] for row in np.flatnonzero(chosen).tolist()],
-            samples=self.samples[chosen],
-            stec=self.stec[chosen],
-            deviation=self.deviation[chosen],
-            deviation_squared=self.deviation_squared[chosen],
-            step_squared=self.step_squared[chosen],
-            wide_lane=self.wide_lane[chosen],
-            geometric=self.geometric[chosen],
-            elevation_chief=self.elevation_chief[chosen],
-            elevation_deputy=self.elevation_deputy[chosen],
+            [self.stretches[row] for row in rows.tolist()],
+            self.samples[rows],
+            self.columns.take(rows, axis=1),
         )
 
+    @functools.cached_property
+    def prns(self) -> list[int]:
+        """Numbers of the satellites."""
+        return [stretch.signals.prn for stretch in self.stretches]
+
+    @functools.cached_property
+    def step_variance(self) -> FloatArray:
+        """Variance that the changes from sample to sample show, TECU^2, shape (n,)."""
+        return np.asarray(0.5 * self.columns[3])
+
+    @functools.cached_property
     def scatter(self) -> FloatArray:
-        """Return the variance of the contents within the second, TECU^2, shape (n,)."""
-        return np.asarray(self.deviation_squared - self.deviation**2)
+        """Variance of the contents within the second, TECU^2, shape (n,)."""
+        deviation, deviation_squared = self.columns[1:3]
+        return np.asarray(deviation_squared - deviation**2)
 
     def has_integers(self) -> npt.NDArray[np.bool_]:
         """Return which links have integers of both signals."""
@@ -190,13 +212,11 @@ class _LinkMeans:
         stretches[row] = replace(stretches[row], integers=integers)
         is_row = np.arange(len(stretches)) == row
         wide_lane = np.where(is_row, integers[0] - integers[1], 0.0)
-        return replace(
-            self,
-            stretches=stretches,
-            stec=self.stec - np.where(is_row, content, 0.0),
-            wide_lane=self.wide_lane - wide_lane,
-            geometric=self.geometric - wide_lane,
-        )
+        columns = self.columns.copy()
+        columns[0] -= np.where(is_row, content, 0.0)
+        columns[4] -= wide_lane
+        columns[5] -= wide_lane
+        return _LinkMeans(stretches, self.samples, columns)
 
 
 @dataclass(frozen=True, eq=False)
@@ -234,19 +254,33 @@ class FormationDensity:
         self._datum = IntegerDatum()
         self._datum_number = 0
         self._signals = tuple(SignalContinuity(SYSTEM_GPS, bands) for _ in range(2))
-        # Which phases both receivers have continuously, by signal.
+        # Which phases both receivers have continuously, by signal, and by receiver.
         self._continuity: dict[SignalKey, tuple[int, int]] = {}
+        self._continuity_of_both: tuple[dict[SignalKey, int], ...] = ()
         self._stretches = PhaseStretches()
         # Links of the density bands, numbered in the order in which either receiver has seen them,
         # and for each receiver these numbers by its own numbers of links.
         self._links: dict[LinkSignals, int] = {}
-        self._link_numbers: tuple[list[int], list[int]] = ([], [])
+        self._link_numbers: tuple[IntArray, IntArray] = (np.zeros(0, np.int64),) * 2
+        # Arcs at the end of the last second that had others than the one before: last arcs by link
+        # of both receivers, and those of links that both have.
+        self._last_arcs = np.zeros((2, 0), dtype=np.int64)
+        self._arcs: dict[LinkSignals, tuple[int, int]] = {}
+        # What stretches rest on, the stretches that links have now, and of these by number of the
+        # link: number, integers, and content of the first sample, TECU.
+        self._rest_on: tuple[object, ...] = ()
+        self._current: dict[LinkSignals, PhaseStretch] = {}
+        self._stretch_of_link = np.zeros(0, dtype=np.int64)
+        self._integers_of_link = np.zeros((0, 2))
+        self._origin_of_link = np.zeros(0)
         self._average = SecondAverage(_FEWEST_SAMPLES)
         self._settings = settings
         self._estimator = ElectronDensityEstimator(settings)
         frequencies = carrier_frequency_hz([SYSTEM_GPS] * 2, bands)
         self._frequencies = (float(frequencies[0]), float(frequencies[1]))
         self._wide_lanes_per_metre = (self._frequencies[0] - self._frequencies[1]) / SPEED_OF_LIGHT
+        self._wavelengths = tuple(SPEED_OF_LIGHT / frequency for frequency in self._frequencies)
+        self._tecu_per_metre = tecu_per_metre(*self._frequencies)
         # Sigma of the relative position in the second that is under way, in wide lanes.
         self._relative_sigma_cycles = math.inf
         # What relative navigation has fixed in that second.
@@ -298,10 +332,15 @@ class FormationDensity:
         tracks : tuple of Track
             Motion of chief and deputy.
         """
-        for numbers, links_of_craft in zip(self._link_numbers, links, strict=True):
-            numbers += [self._number_of_link(link) for link in links_of_craft[len(numbers) :]]
-        stretches = self._current_stretches(second, results)
-        time, number, columns = self._differences(second, results, stretches)
+        chief, deputy = (
+            self._with_new_links(numbers, of_craft)
+            for numbers, of_craft in zip(self._link_numbers, links, strict=True)
+        )
+        self._link_numbers = (chief, deputy)
+        rows = (results[0].rows, results[1].rows)
+        samples, last_arcs = common_samples(rows, self._link_numbers)
+        self._find_stretches(second, results, last_arcs)
+        time, number, columns = self._differences(second, results, samples)
         sigma = _NAVIGATION_FACTOR * second.relative_sigma
         self._relative_sigma_cycles = self._wide_lanes_per_metre * sigma
         self._offered = second.integers
@@ -311,11 +350,18 @@ class FormationDensity:
             densities += self._density_of_second(means, tracks, results[0])
         if ended:
             # Rows that wait for the end of their second are rows of this update.
-            self._stretches.forget_ended(np.unique(number).tolist())
+            self._stretches.forget_ended(number.tolist())
             self._resolver.keep_only(self._stretches.numbers())
         return densities
 
     # ---- links and stretches -----------------------------------------------------------------
+
+    def _with_new_links(self, numbers: IntArray, links: Sequence[Link]) -> IntArray:
+        """Return the numbers of all links of a receiver from those of its first ones."""
+        if len(numbers) == len(links):
+            return numbers
+        new = [self._number_of_link(link) for link in links[len(numbers) :]]
+        return np.array([*numbers.tolist(), *new], dtype=np.int64)
 
     def _number_of_link(self, link: Link) -> int:
         """Return the number of a link of the density bands, `NO_LINK` for another link."""
@@ -328,49 +374,56 @@ class FormationDensity:
         )
         return self._links.setdefault(signals, len(self._links))
 
-    def _arcs_at_end(
-        self, results: tuple[SpacecraftResult, SpacecraftResult]
-    ) -> dict[LinkSignals, tuple[int, int]]:
-        """Return the arcs of the links that both spacecraft have at the end of the second."""
-        links = list(self._links)
-        latest: list[dict[LinkSignals, int]] = []
-        for numbers, result in zip(self._link_numbers, results, strict=True):
-            rows = result.rows
-            last_arcs = {
-                numbers[link]: arc
-                for link, arc in zip(rows.pairs.link.tolist(), rows.arc.tolist(), strict=True)
-                if link >= 0
-            }
-            latest.append(
-                {
-                    links[number]: arc
-                    for number, arc in last_arcs.items()
-                    if number != NO_LINK and arc > 0
-                }
-            )
-        chief, deputy = latest
-        return {
-            signals: (chief[signals], deputy[signals])
-            for signals in sorted(chief.keys() & deputy.keys())
-        }
+    def _take_last_arcs(self, last_arcs: IntArray) -> None:
+        """Take the arcs of the links that both spacecraft have at the end of the second.
 
-    def _current_stretches(
-        self, second: PairSecond, results: tuple[SpacecraftResult, SpacecraftResult]
-    ) -> dict[LinkSignals, PhaseStretch]:
-        """Return the stretch of each link: its arcs and the integers that hold now."""
+        `last_arcs` are those of `common_samples`.
+        """
+        if np.array_equal(last_arcs, self._last_arcs):
+            return
+        self._last_arcs = last_arcs
+        links = list(self._links)
+        numbers = np.flatnonzero((last_arcs > 0).all(axis=0)).tolist()
+        chief, deputy = last_arcs.tolist()
+        arcs = {links[number]: (chief[number], deputy[number]) for number in numbers}
+        self._arcs = dict(sorted(arcs.items()))
+
+    def _find_stretches(
+        self,
+        second: PairSecond,
+        results: tuple[SpacecraftResult, SpacecraftResult],
+        last_arcs: IntArray,
+    ) -> None:
+        """Find the stretch of each link: its arcs and the integers that hold now."""
         chief, deputy = (
             signals.update(block, result.rows)
             for signals, block, result in zip(
                 self._signals, second.observations, results, strict=True
             )
         )
-        self._continuity = {
-            signal: (chief[signal], deputy[signal]) for signal in chief if signal in deputy
-        }
+        if self._continuity_of_both != (chief, deputy):
+            self._continuity_of_both = (chief, deputy)
+            self._continuity = {
+                signal: (chief[signal], deputy[signal]) for signal in chief if signal in deputy
+            }
         integers = self._datum.update(second.integers, self._continuity, self._may_begin_anew())
-        arcs = self._arcs_at_end(results)
-        self._count_unconnected(arcs, integers, second.integers)
-        return self._stretches.continue_or_begin(arcs, integers, self._continuity)
+        self._take_last_arcs(last_arcs)
+        self._count_unconnected(self._arcs, integers, second.integers)
+        # As a rule nothing has changed since the second before: the same stretches go on.
+        rest_on = (self._arcs, integers, self._continuity, len(self._links))
+        if rest_on == self._rest_on:
+            return
+        self._rest_on = rest_on
+        self._current = self._stretches.continue_or_begin(self._arcs, integers, self._continuity)
+        self._stretch_of_link = np.full(len(self._links), -1, dtype=np.int64)
+        self._integers_of_link = np.zeros((len(self._links), 2))
+        self._origin_of_link = np.zeros(len(self._links))
+        for signals, stretch in self._current.items():
+            number = self._links[signals]
+            self._stretch_of_link[number] = stretch.number
+            self._origin_of_link[number] = stretch.origin
+            if stretch.has_integers:
+                self._integers_of_link[number] = stretch.integers
 
     def _may_begin_anew(self) -> bool:
         """Return whether the constant of all satellites may be given up for a new one.
@@ -384,68 +437,54 @@ class FormationDensity:
 
     def _count_unconnected(
         self,
-        links: Iterable[LinkSignals],
+        links: Collection[LinkSignals],
         held: Mapping[SignalKey, float],
         fixed: Mapping[SignalKey, float],
     ) -> None:
         """Count the seconds in which only relative navigation has integers, and of many links."""
-        links = list(links)
-        is_lost = not any(signal in held and other in held for signal, other in links)
+        if any(signal in held and other in held for signal, other in links):
+            self._seconds_unconnected = 0
+            return
         offered = sum(signal in fixed and other in fixed for signal, other in links)
-        is_unconnected = is_lost and offered >= _ENOUGH_PROVED
+        is_unconnected = offered >= _ENOUGH_PROVED
         self._seconds_unconnected = self._seconds_unconnected + 1 if is_unconnected else 0
 
     def _differences(
         self,
         second: PairSecond,
         results: tuple[SpacecraftResult, SpacecraftResult],
-        stretches: dict[LinkSignals, PhaseStretch],
-    ) -> tuple[IntArray, IntArray, dict[str, FloatArray]]:
-        """Return times, stretches and single differences of what both spacecraft have observed."""
-        chief, deputy = (result.rows for result in results)
-        chief_row, deputy_row, link = common_samples((chief, deputy), self._link_numbers)
-        stretch_of_link = np.full(len(self._links), -1, dtype=np.int64)
-        integers_of_link = np.zeros((len(self._links), 2))
-        origin_of_link = np.zeros(len(self._links))
-        for signals, stretch in stretches.items():
-            number = self._links[signals]
-            stretch_of_link[number] = stretch.number
-            if stretch.has_integers:
-                integers_of_link[number] = stretch.integers
-        integers = integers_of_link[link]
-        chosen = (chief_row, deputy_row)
-        first, second_phase = (
-            _single_difference(second, results, chosen, name)
-            for name in ("row_first", "row_second")
+        samples: CommonSamples,
+    ) -> tuple[IntArray, IntArray, FloatArray]:
+        """Return times, stretches and `phase_differences` of what both spacecraft have observed."""
+        is_begun = np.isfinite(self._origin_of_link).all()
+        chief, deputy = (
+            ReceiverSamples(
+                block.columns["carrier_phase_cycles"],
+                result.range,
+                result.rows.pairs.row_first,
+                result.rows.pairs.row_second,
+                result.rows.pairs.wide_lane_cycles,
+                result.rows.elevation,
+            )
+            for block, result in zip(second.observations, results, strict=True)
         )
-        stec = differential_stec(
-            first, second_phase, integers[:, 0], integers[:, 1], *self._frequencies
+        differences: FloatArray = phase_differences(
+            samples.link,
+            samples.chief,
+            samples.deputy,
+            chief,
+            deputy,
+            self._integers_of_link,
+            self._origin_of_link,
+            *self._wavelengths,
+            self._tecu_per_metre,
+            self._wide_lanes_per_metre,
         )
-        first_content, steps = squared_steps(link, stec, len(self._links))
-        for signals, stretch in stretches.items():
-            number = self._links[signals]
-            if not math.isfinite(stretch.origin):
-                stretch.origin = float(first_content[number])
-            origin_of_link[number] = stretch.origin
-        deviation = stec - origin_of_link[link]
-        ranges = _range_difference(results, chosen)
-        wide_lane = (
-            deputy.pairs.wide_lane_cycles[deputy_row] - chief.pairs.wide_lane_cycles[chief_row]
-        )
-        columns = {
-            "stec": stec,
-            "deviation": deviation,
-            "deviation_squared": deviation * deviation,
-            "step_squared": steps,
-            "wide_lane": wide_lane - (integers[:, 0] - integers[:, 1]),
-            "geometric": first
-            - second_phase
-            - self._wide_lanes_per_metre * ranges
-            - (integers[:, 0] - integers[:, 1]),
-            "elevation_chief": chief.elevation[chief_row],
-            "elevation_deputy": deputy.elevation[deputy_row],
-        }
-        return chief.pairs.time[chief_row], stretch_of_link[link], columns
+        if not is_begun:
+            for signals, stretch in self._current.items():
+                stretch.origin = float(self._origin_of_link[self._links[signals]])
+        time = results[0].rows.pairs.time[samples.chief]
+        return time, self._stretch_of_link[samples.link], differences
 
     # ---- density of a second -----------------------------------------------------------------
 
@@ -469,7 +508,7 @@ class FormationDensity:
             self._without_density.clear()
         seconds = time / NANOSECONDS_PER_SECOND
         stretches = [self._stretches[number] for number in averages.number.tolist()]
-        means = _LinkMeans(stretches, averages.samples, **averages.columns)
+        means = _LinkMeans(stretches, averages.samples, averages.columns)
         # A satellite without an orbit has phases, and maybe integers, but no content is predicted.
         means = means.select(np.isfinite(means.elevation_chief + means.elevation_deputy))
         sigma_of_all = self._sigma(means)
@@ -491,7 +530,7 @@ class FormationDensity:
         means = self._resolve_integers(seconds, altitudes, means, sigma_of_all)
         has_integers = means.has_integers()
         fixed = means.select(has_integers)
-        satellites = [stretch.signals.prn for stretch in fixed.stretches]
+        satellites = fixed.prns
         sigma = sigma_of_all[has_integers]
         proved = np.array([self._is_proved(stretch) for stretch in fixed.stretches], dtype=bool)
         if np.count_nonzero(proved) >= _ENOUGH_PROVED:
@@ -534,8 +573,9 @@ class FormationDensity:
             self._add_changes(means, error)
         late: list[DensityResult] = []
         if math.isfinite(epoch.density):
-            late = self._late_densities(now, fixed.select(~epoch.is_outlier))
-            self._without_density.clear()
+            if self._without_density:
+                late = self._late_densities(now, fixed.select(~epoch.is_outlier))
+                self._without_density.clear()
         else:
             self._without_density.append(now)
         if not has_integers.any():
@@ -626,7 +666,7 @@ class FormationDensity:
             *altitudes,
             means.elevation_chief,
             means.elevation_deputy,
-            [stretch.signals.prn for stretch in means.stretches],
+            means.prns,
         )
 
     def _is_proved(self, stretch: PhaseStretch) -> bool:
@@ -640,15 +680,13 @@ class FormationDensity:
         """
         white, excess = self._noise_and_excess(means)
         # One second alone may be quiet by chance, so that the seconds before it count too.
-        of_second: dict[int, float] = {}
-        for stretch, value in zip(means.stretches, excess.tolist(), strict=True):
-            prn = stretch.signals.prn
+        of_second = dict(zip(means.prns, excess.tolist(), strict=True))
+        for prn, value in of_second.items():
             mean = self._excess.get(prn, value)
             self._excess[prn] = mean + (value - mean) / _SCATTER_MEMORY
-            of_second[prn] = value
         self._recent_excess.append(of_second)
         left = self._fluctuation_left()
-        remembered = [left * self._excess[stretch.signals.prn] for stretch in means.stretches]
+        remembered = [left * self._excess[prn] for prn in means.prns]
         excess = np.maximum(excess, remembered)
         return np.sqrt(white / means.samples + excess * self._mean_over_scatter)
 
@@ -667,8 +705,8 @@ class FormationDensity:
 
     def _noise_and_excess(self, means: _LinkMeans) -> tuple[FloatArray, FloatArray]:
         """Return the variances of white noise of a sample, and of what else it scatters by."""
-        white = np.maximum(0.5 * means.step_squared, _LEAST_NOISE * self._sample_sigma**2)
-        scatter = means.scatter()
+        white = np.maximum(means.step_variance, _LEAST_NOISE * self._sample_sigma**2)
+        scatter = means.scatter
         return white, np.where(scatter > _LARGE_SCATTER * white, scatter - white, 0.0)
 
     @property
@@ -682,12 +720,8 @@ class FormationDensity:
         `errors` are contents of links with integers less the predicted ones, `sigma` their own
         sigmas, TECU.
         """
-        noise = 0.5 * means.step_squared
-        scatter = means.scatter()
-        now = {
-            stretch.signals.prn: error
-            for stretch, error in zip(means.stretches, errors.tolist(), strict=True)
-        }
+        noise, scatter = means.step_variance, means.scatter
+        now = dict(zip(means.prns, errors.tolist(), strict=True))
         # All errors of a second share the density that is estimated from them.
         share = max(len(now) - 1, 1) / max(len(now), 1)
         of_means, of_scatter, count = 0.0, 0.0, 0
@@ -714,7 +748,7 @@ class FormationDensity:
 
         Fades that last for seconds hardly show in the scatter of one.
         """
-        noise = 0.5 * means.step_squared / means.samples
+        noise = means.step_variance / means.samples
         keys = [(stretch.number, stretch.integers) for stretch in means.stretches]
         errors_now = dict(zip(keys, errors.tolist(), strict=True))
         for key, stretch, variance in zip(keys, means.stretches, noise.tolist(), strict=True):
@@ -960,12 +994,12 @@ class FormationDensity:
             for row, stretch in enumerate(means.stretches)
             if stretch.has_integers and math.isfinite(shown[row] + sigma[row])
         ]
-        fluctuating = [row for row in rows if self._excess[means.stretches[row].signals.prn] > 0.0]
+        fluctuating = [row for row in rows if self._excess[means.prns[row]] > 0.0]
         if not fluctuating or len(rows) < _FEWEST_WITNESSES:
             return
         values = np.array([shown[row] for row in rows])
         weights = 1.0 / self._resolver.geometric_variance(sigma[rows], self._relative_sigma_cycles)
-        chosen = np.isin(rows, fluctuating)
+        chosen = np.array([self._excess[means.prns[row]] > 0.0 for row in rows])
         squares = weights * (values - weights @ values / weights.sum()) ** 2
         # All that fluctuate do so alike. The clock has taken a part of their errors.
         expected = len(fluctuating) - float(weights[chosen].sum() / weights.sum())
@@ -1019,32 +1053,6 @@ class FormationDensity:
             for signal in stretch.signals:
                 self._datum.prove(signal)
         return False
-
-
-def _single_difference(
-    second: PairSecond,
-    results: tuple[SpacecraftResult, SpacecraftResult],
-    chosen: tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]],
-    name: str,
-) -> FloatArray:
-    """Return the phases of the first or second signals, deputy less chief, cycles."""
-    chief, deputy = (
-        block.columns["carrier_phase_cycles"][getattr(result.rows.pairs, name)[row]]
-        for block, result, row in zip(second.observations, results, chosen, strict=True)
-    )
-    return np.asarray(deputy - chief)
-
-
-def _range_difference(
-    results: tuple[SpacecraftResult, SpacecraftResult],
-    chosen: tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]],
-) -> FloatArray:
-    """Return the distances of the satellites, deputy less chief, m."""
-    chief, deputy = (
-        result.range[result.rows.pairs.row_first[row]]
-        for result, row in zip(results, chosen, strict=True)
-    )
-    return np.asarray(deputy - chief)
 
 
 def _vertical_content(result: SpacecraftResult) -> tuple[float, float]:

@@ -97,6 +97,8 @@ class PhaseStretches:
         ] = {}
         self._latest_arcs: dict[LinkSignals, tuple[int, int]] = {}
         self._created = 0
+        # Whether there may be a stretch that never continues.
+        self._may_have_ended = False
 
     def __len__(self) -> int:
         """Return how many stretches are remembered."""
@@ -128,6 +130,7 @@ class PhaseStretches:
             For each signal what changes when the phase of either receiver is interrupted.
         """
         self._latest_arcs.update(arcs)
+        self._may_have_ended = True
         current = {}
         for signals, arcs_of_link in arcs.items():
             content = (
@@ -146,8 +149,15 @@ class PhaseStretches:
 
     def forget_ended(self, numbers_in_use: Iterable[int]) -> None:
         """Forget the stretches that never continue, except those whose numbers are still in use."""
+        if not self._may_have_ended:
+            return
+        self._may_have_ended = False
         in_use = set(numbers_in_use)
         for content, stretch in list(self._by_content.items()):
             signals, arcs = content[:2]
-            if self._latest_arcs[signals] != arcs and stretch.number not in in_use:
+            if self._latest_arcs[signals] == arcs:
+                continue
+            if stretch.number in in_use:
+                self._may_have_ended = True
+            else:
                 del self._by_content[content], self._by_number[stretch.number]

@@ -57,14 +57,23 @@ class SignalContinuity:
         self._index: dict[int, int] = {}
         self._states = np.zeros((0, _STATE_COLUMNS))
         self._times = np.zeros(0, dtype=np.int64)
-        # Numbers and indices of the observations of the last block.
-        self._numbers = self._signals = np.zeros(0, dtype=np.int64)
-        # Numbers and keys of the observations of its last epoch.
-        self._last_numbers: list[int] = []
+        # Whether each signal is of the system and the bands.
+        self._is_chosen = np.zeros(0, dtype=bool)
+        # Fields of the observations of the last block, and the indices of their signals.
+        self._fields = tuple(np.zeros(0, dtype=np.uint8) for _ in SignalKey._fields)
+        self._signals = np.zeros(0, dtype=np.int64)
+        # The chosen observations of its last epoch: rows from which that begins, indices, keys.
+        self._last_epoch = -1
+        self._last_indices = np.zeros(0, dtype=np.int64)
         self._last_signals: list[SignalKey] = []
+        # The stretches that were returned, of these signals.
+        self._stretches: list[int] = []
+        self._result: dict[SignalKey, int] = {}
 
     def update(self, block: ObservationBlock, rows: SlantTecRows) -> dict[SignalKey, int]:
         """Return the number of the stretch of each signal with a phase at the end of the block.
+
+        The dictionary is the one of the block before while nothing has changed.
 
         Parameters
         ----------
@@ -73,21 +82,20 @@ class SignalContinuity:
         rows : SlantTecRows
             Links and arcs of these observations.
         """
-        columns = block.columns
-        chosen = columns["system"] == self._system
-        chosen &= (columns["band"] == self._bands[0]) | (columns["band"] == self._bands[1])
-        if not chosen.any():
+        if not len(block.time):
             return {}
-        number = signal_number(*(columns[name] for name in SignalKey._fields))
+        columns = block.columns
+        fields = tuple(columns[name] for name in SignalKey._fields)
         # As a rule a second has the signals of the one before, in the same order.
-        if not np.array_equal(number, self._numbers):
-            signals, inverse = np.unique(number, return_inverse=True)
-            self._numbers, self._signals = number, self._indices(signals.tolist())[inverse]
+        if not _are_equal(*fields, *self._fields):
+            signals, inverse = np.unique(signal_number(*fields), return_inverse=True)
+            self._fields, self._signals = fields, self._indices(signals.tolist())[inverse]
+            self._last_epoch = -1
         signal = self._signals
-        _follow_signals(
+        is_any_chosen, last_epoch = _follow_signals(
             block.time,
             signal,
-            chosen,
+            self._is_chosen,
             columns["cn0_dbhz"],
             columns["flags"],
             columns["lock_time"],
@@ -98,13 +106,20 @@ class SignalContinuity:
             self._states,
             self._times,
         )
-        last = np.flatnonzero(chosen & (block.time == block.time[-1]))
-        last_numbers = number[last].tolist()
-        if last_numbers != self._last_numbers:
-            self._last_numbers = last_numbers
-            self._last_signals = [signal_from_number(value) for value in last_numbers]
-        stretches = self._states[signal[last], _STRETCH].astype(np.int64).tolist()
-        return dict(zip(self._last_signals, stretches, strict=True))
+        if not is_any_chosen:
+            return {}
+        is_same = last_epoch == self._last_epoch
+        if not is_same:
+            self._last_epoch = last_epoch
+            last = last_epoch + np.flatnonzero(self._is_chosen[signal[last_epoch:]])
+            self._last_indices = signal[last]
+            numbers = signal_number(*(field[last] for field in fields))
+            self._last_signals = [signal_from_number(value) for value in numbers.tolist()]
+        stretches = self._states[self._last_indices, _STRETCH].astype(np.int64).tolist()
+        if not (is_same and stretches == self._stretches):
+            self._stretches = stretches
+            self._result = dict(zip(self._last_signals, stretches, strict=True))
+        return self._result
 
     def _indices(self, numbers: list[int]) -> npt.NDArray[np.int64]:
         """Return the indices of signals, with states of zero for those that are new."""
@@ -116,14 +131,35 @@ class SignalContinuity:
             states[:, _MEAN_CN0] = np.nan
             self._states = np.concatenate((self._states, states))
             self._times = np.concatenate((self._times, np.zeros(missing, dtype=np.int64)))
+            keys = map(signal_from_number, index)
+            is_chosen = [key.system == self._system and key.band in self._bands for key in keys]
+            self._is_chosen = np.array(is_chosen, dtype=bool)
         return indices
+
+
+@compiled
+def _are_equal(  # type: ignore[no-untyped-def]
+    system, prn, band, attribute, last_system, last_prn, last_band, last_attribute
+):
+    """Return whether observations (n,) are of the same signals as the last ones (m,)."""
+    if len(system) != len(last_system):
+        return False
+    for row in range(len(system)):
+        if (
+            prn[row] != last_prn[row]
+            or attribute[row] != last_attribute[row]
+            or band[row] != last_band[row]
+            or system[row] != last_system[row]
+        ):
+            return False
+    return True
 
 
 @compiled
 def _follow_signals(  # type: ignore[no-untyped-def]
     time,
     signal,
-    chosen,
+    is_chosen,
     cn0_dbhz,
     flags,
     lock_time,
@@ -134,11 +170,21 @@ def _follow_signals(  # type: ignore[no-untyped-def]
     states,
     times,
 ):
-    """Count the breaks of the chosen observations (n,) in the states of their signals.
+    """Count the breaks of the observations (n,) of the chosen signals in the states of these.
 
     `states` and `times` are those of the last observation of each signal. Mean C/N0 are followed of
-    all observations, since a link may have a signal that is not chosen.
+    all observations, since a link may have a signal that is not chosen. Without any observation of
+    a chosen signal nothing is done.
+
+    Returned is whether there is one, and the first row of the last epoch.
     """
+    is_any_chosen = False
+    for row in range(len(time)):
+        if is_chosen[signal[row]]:
+            is_any_chosen = True
+            break
+    if not is_any_chosen:
+        return False, 0
     lowest = np.full(len(states), np.inf)
     total, count = np.zeros(len(states)), np.zeros(len(states))
     for row in range(len(time)):
@@ -179,9 +225,9 @@ def _follow_signals(  # type: ignore[no-untyped-def]
             is_blamed[first] |= faded_first or no_fade
             is_blamed[second] |= faded_second or no_fade
     for row in range(len(time)):
-        if not chosen[row]:
-            continue
         s = signal[row]
+        if not is_chosen[s]:
+            continue
         interval = (time[row] - times[s]) / NANOSECONDS_PER_SECOND
         lock, flag = float(lock_time[row]), np.int64(flags[row])
         half = float(flag & _HALF_CYCLE_ADDED)
@@ -197,3 +243,7 @@ def _follow_signals(  # type: ignore[no-untyped-def]
         times[s] = time[row]
         states[s, _LAST_LOCK] = lock
         states[s, _LAST_HALF] = half
+    last_epoch = len(time) - 1
+    while last_epoch > 0 and time[last_epoch - 1] == time[last_epoch]:
+        last_epoch -= 1
+    return True, last_epoch
