@@ -351,7 +351,7 @@ class ElectronDensityEstimator:
         numbers_used: list[int] = numbers[used].tolist()
         elapsed = self._predict(time, numbers_used)
         self._add_content(altitude_chief, vtec_chief_tecu, vtec_sigma_tecu, elapsed)
-        common, modelled = self._design(elevations[:, used], altitude_chief, altitude_deputy)
+        common, modelled = self._design(_columns(elevations, used), altitude_chief, altitude_deputy)
         residual = observed[used] - modelled
         fast_variance = sigma[used] ** 2 + (settings.mapping_noise * common[:, CHANGE]) ** 2
         if self._is_bias_new:
@@ -446,7 +446,7 @@ class ElectronDensityEstimator:
         nothing = now._without_density(middle, separation, len(used))
         if not (self._is_checked and used.any()):
             return nothing
-        common, modelled = now._design(elevations[:, used], altitude_chief, altitude_deputy)
+        common, modelled = now._design(_columns(elevations, used), altitude_chief, altitude_deputy)
         residual = differential_stec_tecu[used] - modelled
         places = now._places(np.asarray(satellite)[used].tolist())
         # The slow errors of then are not all those of now.
@@ -754,11 +754,18 @@ class ElectronDensityEstimator:
         )
 
 
+def _columns(rows: FloatArray, chosen: npt.NDArray[np.bool_]) -> FloatArray:
+    """Return the chosen columns of rows; the result is contiguous."""
+    return np.asarray(rows.take(np.flatnonzero(chosen), axis=1))
+
+
 def compile_kernels() -> None:
     """Compile the steps of the filter, which takes seconds without a cache."""
     estimator = ElectronDensityEstimator()
     elevation = np.linspace(0.5, 1.5, 6)
+    contents, sigma, satellites = np.zeros(6), np.full(6, 0.01), list(range(6))
+    altitudes, elevations = (400e3, 401e3), (elevation, elevation)
     for second in range(2):
-        estimator.update(
-            second, 400e3, 401e3, elevation, elevation, np.zeros(6), np.full(6, 0.01), 10.0
-        )
+        estimator.update(second, *altitudes, *elevations, contents, sigma, 10.0, 1.0, satellites)
+        estimator.predicted_stec(second, *altitudes, *elevations, satellites)
+    estimator.past_density(1.0, *altitudes, *elevations, contents, sigma, satellites)
