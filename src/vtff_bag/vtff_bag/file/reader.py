@@ -327,7 +327,8 @@ class BagReader:
         wanted: set[str],
         start: int | None,
         end: int | None,
-    ) -> Iterator[tuple[int, int, int, int, RawMessage]]:
+    ) -> list[tuple[int, int, int, int, RawMessage]]:
+        """Return the messages of a block, each behind what messages are sorted by."""
         content = self.contents[number]
         names = {
             channel_id: (channel.topic, self.topics[channel.topic].type)
@@ -339,15 +340,19 @@ class BagReader:
         except BagReadError as error:
             if str(error) not in self.notes:
                 self.notes.append(str(error))
-            return
-        for index, message in enumerate(messages):
-            log_time = message.log_time
+            return []
+        # One loop without generators: a bag has thousands of messages for each second of reading.
+        offset = block.offset
+        selected = []
+        for index, (channel_id, log_time, _, serialized) in enumerate(messages):
             if start is not None and log_time < start:
                 continue
             if end is not None and log_time >= end:
                 continue
-            raw = RawMessage(*names[message.channel_id], log_time, message.serialized)
-            yield log_time, number, block.offset, index, raw
+            topic, type_name = names[channel_id]
+            raw = RawMessage(topic, type_name, log_time, serialized)
+            selected.append((log_time, number, offset, index, raw))
+        return selected
 
 
 def _find_bag(path: pathlib.Path) -> pathlib.Path:

@@ -35,7 +35,9 @@ def test_whitened_products_are_those_of_the_inverse_covariance(ratio):
         covariance += (basis.columns[column] * of_columns) @ basis.columns[column].T
         covariance *= np.outer(basis.relative[column], basis.relative[column])
         expected = rows[column] @ np.linalg.solve(covariance, others[column])
-        first, second = (basis.whiten(each, sigma, variances)[column] for each in (rows, others))
+        first, second = (
+            basis.whitening(sigma, variances).apply(each)[column] for each in (rows, others)
+        )
         assert first @ second == pytest.approx(expected, rel=1e-4)
 
 

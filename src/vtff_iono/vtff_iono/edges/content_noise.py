@@ -12,6 +12,7 @@ far a wide wall may be feigned by what is slow is thereby in its sigmas, and thi
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -87,24 +88,21 @@ class SlowBasis:
         scaled = rows / self.relative
         return np.asarray(scaled - _combined(self.columns, _coefficients(self.columns, scaled)))
 
-    def whiten(self, rows: FloatArray, sigma: FloatArray, variances: FloatArray) -> FloatArray:
-        """Return rows whose noise has the covariance of one.
+    def whitening(self, sigma: FloatArray, variances: FloatArray) -> Whitening:
+        """Return what makes rows whose noise has the covariance of one.
 
         Parameters
         ----------
-        rows : ndarray, shape (2, k)
         sigma : ndarray, shape (2,)
             White noise of the rows, where its relative size is one.
         variances : ndarray, shape (2, MOST_MODES)
             Variances of the coefficients of degree 3 and more, TECU^2.
         """
-        scaled = rows / (self.relative * sigma[:, np.newaxis])
         part = np.ones((2, self.functions.shape[1]))
         modes = part.shape[1] - self.unknown
         ratio = variances[:, :modes] / sigma[:, np.newaxis] ** 2
         part[:, self.unknown :] -= 1.0 / np.sqrt(1.0 + ratio)
-        removed = _coefficients(self.columns, scaled) * part
-        return np.asarray(scaled - _combined(self.columns, removed))
+        return Whitening(self.columns, self.relative * sigma[:, np.newaxis], part)
 
     def modes(self, rows: FloatArray) -> FloatArray:
         """Return coefficients of degree 3 and more, shape (2, MOST_MODES); NaN without one."""
@@ -112,6 +110,31 @@ class SlowBasis:
         found = _coefficients(self.columns[:, :, self.unknown :], rows / self.relative)
         result[:, : found.shape[1]] = found
         return result
+
+
+@dataclass(frozen=True, eq=False)
+class Whitening:
+    """Makes rows whose noise has the covariance of one.
+
+    Parameters
+    ----------
+    columns : ndarray, shape (2, k, p)
+        As in `SlowBasis`.
+    scale : ndarray, shape (2, k)
+        Sigmas of the white noise.
+    part : ndarray, shape (2, p)
+        Part of what rows have of each column that is removed.
+    """
+
+    columns: FloatArray
+    scale: FloatArray
+    part: FloatArray
+
+    def apply(self, rows: FloatArray) -> FloatArray:
+        """Return rows, shape (..., 2, k), in units of their noise."""
+        scaled = rows / self.scale
+        scaled -= _combined(self.columns, _coefficients(self.columns, scaled) * self.part)
+        return scaled
 
 
 def slow_basis(
@@ -140,13 +163,13 @@ def slow_basis(
 
 
 def _coefficients(columns: FloatArray, rows: FloatArray) -> FloatArray:
-    """Return what rows, shape (2, k), have of columns, shape (2, k, p): (2, p)."""
-    return np.asarray(np.matmul(rows[:, np.newaxis, :], columns)[:, 0, :])
+    """Return what rows, shape (..., 2, k), have of columns, shape (2, k, p): (..., 2, p)."""
+    return np.asarray(np.matmul(rows[..., np.newaxis, :], columns)[..., 0, :])
 
 
 def _combined(columns: FloatArray, coefficients: FloatArray) -> FloatArray:
-    """Return the sums of columns, shape (2, k, p), with coefficients, shape (2, p): (2, k)."""
-    return np.asarray(np.matmul(columns, coefficients[:, :, np.newaxis])[:, :, 0])
+    """Return the sums of columns, (2, k, p), with coefficients, (..., 2, p): (..., 2, k)."""
+    return np.asarray(np.matmul(columns, coefficients[..., np.newaxis])[..., 0])
 
 
 def white_sigma(rows: FloatArray, samples: tuple[int, ...], removed: FloatArray) -> FloatArray:
@@ -275,16 +298,30 @@ class ContentNoise:
         """Return noise without slow parts."""
         return ContentNoise(slow, white, np.zeros((*white.shape, MOST_MODES)))
 
+    @functools.cached_property
+    def whitenings(self) -> list[Whitening]:
+        """What makes D and M of each satellite such that their noise has the covariance of one."""
+        return [
+            slow.whitening(white, modes)
+            for slow, white, modes in zip(self.slow, self.white, self.modes, strict=True)
+        ]
+
     def whiten(self, pairs: Iterable[FloatArray]) -> FloatArray:
-        """Return D and M of all satellites, each of shape (2, k), in units of noise: (m,)."""
-        return np.concatenate(
-            [
-                slow.whiten(pair, white, modes).ravel()
-                for pair, slow, white, modes in zip(
-                    pairs, self.slow, self.white, self.modes, strict=True
-                )
-            ]
-        )
+        """Return D and M of all satellites, each of shape (..., 2, k), in units of noise.
+
+        The result has the shape (m, ...): the numbers of all satellites one after the other.
+        """
+        whitened = [
+            whitening.apply(pair) for whitening, pair in zip(self.whitenings, pairs, strict=True)
+        ]
+        before = whitened[0].shape[:-2]
+        result = np.empty((sum(rows.shape[-1] for rows in whitened) * 2, *before))
+        begin = 0
+        for rows in whitened:
+            end = begin + 2 * rows.shape[-1]
+            result[begin:end] = np.moveaxis(rows.reshape(*before, end - begin), -1, 0)
+            begin = end
+        return result
 
 
 def first_noise(
@@ -305,7 +342,7 @@ def first_noise(
     """
     one, none = np.ones(2), np.zeros((2, MOST_MODES))
     white = [
-        white_sigma(basis.whiten(error, one, none), samples, basis.unknown_columns)
+        white_sigma(basis.whitening(one, none).apply(error), samples, basis.unknown_columns)
         for basis, error in zip(slow, errors, strict=True)
     ]
     return ContentNoise.only_white(slow, np.array(white))

@@ -86,8 +86,8 @@ class WindowSatellite:
     samples: npt.NDArray[np.intp] | None
 
     def change(self, vertical: FloatArray) -> FloatArray:
-        """Return what vertical contents in the window add to D and M, shape (2, k)."""
-        of_satellite = vertical if self.samples is None else vertical[:, self.samples]
+        """Return what vertical contents in the window, (..., 2, n), add to D and M, (..., 2, k)."""
+        of_satellite = vertical if self.samples is None else vertical[..., self.samples]
         return difference_and_mean(self.path * of_satellite)
 
 
@@ -111,12 +111,8 @@ class Window:
 
     def design(self, noise: ContentNoise, wall: Wall, dense_side: float) -> FloatArray:
         """Return what the wall adds to `whitened`, shape (m, 2); see `_wall`."""
-        return np.column_stack(
-            [
-                noise.whiten(satellite.change(vertical) for satellite in self.satellites)
-                for vertical in self._wall(wall, dense_side)
-            ]
-        )
+        both = np.array(self._wall(wall, dense_side))
+        return noise.whiten(satellite.change(both) for satellite in self.satellites)
 
     def inside(self, wall: Wall, dense_side: float) -> list[FloatArray]:
         """Return of each satellite which part of a wall the samples have crossed, (k,)."""
@@ -440,9 +436,10 @@ def _solution(observed: FloatArray, design: FloatArray) -> tuple[FloatArray, Flo
 
 
 def difference_and_mean(pair: FloatArray) -> FloatArray:
-    """Return deputy less chief, and their mean, of rows chief and deputy."""
+    """Return deputy less chief, and their mean, of rows chief and deputy, shape (..., 2, k)."""
     result = np.empty(pair.shape)
-    np.subtract(pair[1], pair[0], out=result[0])
-    np.add(pair[0], pair[1], out=result[1])
-    result[1] *= 0.5
+    chief, deputy = pair[..., 0, :], pair[..., 1, :]
+    np.subtract(deputy, chief, out=result[..., 0, :])
+    np.add(chief, deputy, out=result[..., 1, :])
+    result[..., 1, :] *= 0.5
     return result

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from vtff_dynamics.compiled import compiled
 from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
 from vtff_dynamics.vectors import FloatArray
 from vtff_gnss.signals import SignalKey
@@ -87,6 +88,11 @@ class Track:
 
     def __init__(self, states: Sequence[tuple[int, FloatArray]] = ()) -> None:
         self._states = states
+        # Both positions, then both velocities.
+        self._both: FloatArray | None = None
+        if len(states) > 1:
+            first, last = states[0][1], states[-1][1]
+            self._both = np.array((first[:3], last[:3], first[3:], last[3:]))
 
     def followed_by(self, time: int, state_itrf: FloatArray | None) -> Track:
         """Return the track with the next state; an empty track if that state is unknown."""
@@ -97,22 +103,30 @@ class Track:
         if not self._states:
             return np.full((len(time), 3), np.nan)
         end, last = self._states[-1]
-        seconds = (time - end) / NANOSECONDS_PER_SECOND
-        if len(self._states) == 1:
+        if self._both is None:
+            seconds = (time - end) / NANOSECONDS_PER_SECOND
             return np.asarray(last[:3] + seconds[:, np.newaxis] * last[3:])
-        begin, first = self._states[0]
-        return _interpolate(seconds, (begin - end) / NANOSECONDS_PER_SECOND, first, last)
+        return np.asarray(_cubic_weights(time, self._states[0][0], end) @ self._both)
 
 
-def _interpolate(
-    seconds: FloatArray, begin: float, first: FloatArray, last: FloatArray
-) -> FloatArray:
-    """Return the positions of the cubic through two states, at `begin` and at 0 s, shape (n, 3)."""
-    to_last = 1.0 - seconds / begin  # 0 at the first state, 1 at the last one
-    to_first = 1.0 - to_last
-    weights = np.empty((len(seconds), 4))
-    weights[:, 0] = to_first**2 * (1.0 + 2.0 * to_last)
-    weights[:, 1] = to_last**2 * (1.0 + 2.0 * to_first)
-    weights[:, 2] = -begin * to_last * to_first**2
-    weights[:, 3] = begin * to_last**2 * to_first
-    return weights @ np.array((first[:3], last[:3], first[3:], last[3:]))
+@compiled
+def _cubic_weights(time, begin, end):  # type: ignore[no-untyped-def]
+    """Return the weights of two states in the cubic through them, shape (n, 4).
+
+    They are those of both positions and of both velocities at times (n,), ns; the states are those
+    at `begin` and `end`, ns.
+    """
+    weights = np.empty((len(time), 4))
+    first = (begin - end) / NANOSECONDS_PER_SECOND
+    for row in range(len(time)):
+        if row > 0 and time[row] == time[row - 1]:
+            weights[row] = weights[row - 1]
+            continue
+        # 0 at the first state, 1 at the last one.
+        to_last = 1.0 - (time[row] - end) / NANOSECONDS_PER_SECOND / first
+        to_first = 1.0 - to_last
+        weights[row, 0] = to_first * to_first * (1.0 + 2.0 * to_last)
+        weights[row, 1] = to_last * to_last * (1.0 + 2.0 * to_first)
+        weights[row, 2] = -first * to_last * (to_first * to_first)
+        weights[row, 3] = first * (to_last * to_last) * to_first
+    return weights
