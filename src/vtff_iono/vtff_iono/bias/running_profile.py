@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+import numpy.typing as npt
 
 from vtff_dynamics.compiled import compiled
 from vtff_dynamics.constants import WGS84_SEMI_MAJOR_AXIS
@@ -78,21 +79,25 @@ class RunningProfile:
             )
         )
         self._shape = np.array([scale_height_bottom, scale_height_top, peak_altitude])
-        self._scale = 1.0
-        self.density: FloatArray = self._layer()
-        self._scale = _CONTENT_TECU / self.content_above(_LOWEST)
-        self.density = self._layer()
+        # Of each altitude the row of the shape that is its scale height, its distance from the
+        # peak in that height, and the exponential of the negative distance.
+        self._layer: tuple[npt.NDArray[np.int64], FloatArray, FloatArray]
+        self._layer = _distances_from_peak(self.altitude, self._shape)
         self._weight = np.zeros(len(self.altitude))
+        self._scale = 1.0
+        self.density: FloatArray = self._with_model(np.zeros(len(self.altitude)))
+        self._scale = _CONTENT_TECU / self.content_above(_LOWEST)
+        self.density = self._with_model(self.density)
         # By how much what was measured is more where the constant is more by 1 TECU, 1/m3.
         self._per_constant = np.zeros(len(self.altitude))
         # `densities`, and the density that they are of.
         self._densities = np.zeros((0, len(self.altitude)))
         self._described: FloatArray | None = None
 
-    def _layer(self) -> FloatArray:
-        """Return the density of the model."""
-        layer: FloatArray = _chapman_layer(self.altitude, self._shape)
-        return self._scale * layer
+    def _with_model(self, density: FloatArray) -> FloatArray:
+        """Return a density (n,) with that of the model where none was measured."""
+        completed: FloatArray = _with_layer(density, self._weight, *self._layer[1:], self._scale)
+        return completed
 
     def densities(self) -> FloatArray:
         """Return the density and its derivatives, shape (6, n).
@@ -105,7 +110,7 @@ class RunningProfile:
         # Each change makes another array of the density.
         if self._described is not self.density:
             self._densities = _with_derivatives(
-                self.altitude, self.density, self._weight, self._shape, self._per_constant
+                self.density, self._weight, *self._layer, self._shape, self._per_constant
             )
             self._described = self.density
         return self._densities
@@ -120,9 +125,8 @@ class RunningProfile:
             altitude of the peak in units of `PEAK_UNIT`.
         """
         self._shape = _changed_shape(self._shape, np.exp(change[:2]), change[2])
-        self.density = _with_layer(
-            self.density, self._weight, self.altitude, self._shape, self._scale
-        )
+        self._layer = _distances_from_peak(self.altitude, self._shape)
+        self.density = self._with_model(self.density)
 
     def content_above(self, altitude: float) -> float:
         """Return the vertical content above an altitude (m), TECU."""
@@ -205,18 +209,20 @@ class RunningProfile:
 
 
 @compiled
-def _chapman_layer(altitude, shape):  # type: ignore[no-untyped-def]
-    """Return a layer of density 1 at its peak at altitudes (n,), m.
+def _distances_from_peak(altitude, shape):  # type: ignore[no-untyped-def]
+    """Return how far altitudes (n,), m, are from the peak of a layer of a shape, and what follows.
 
-    `shape` holds the scale heights below and above the peak, and its altitude, m.
+    `shape` holds the scale heights below and above the peak, and its altitude, m. Returned are of
+    each altitude the row of its scale height in the shape, the distance from the peak, positive
+    above it, in that height, and the exponential of the negative distance.
     """
-    layer = np.empty(len(altitude))
+    side = np.empty(len(altitude), dtype=np.int64)
+    distance, exponential = np.empty(len(altitude)), np.empty(len(altitude))
     for row in range(len(altitude)):
-        height = shape[0] if altitude[row] < shape[2] else shape[1]
-        argument = (altitude[row] - shape[2]) / height
-        # Chapman (1931), alpha layer: exp((1 - z - exp(-z)) / 2).
-        layer[row] = math.exp(0.5 * (1.0 - argument - math.exp(-argument)))
-    return layer
+        side[row] = 0 if altitude[row] < shape[2] else 1
+        distance[row] = (altitude[row] - shape[2]) / shape[side[row]]
+        exponential[row] = math.exp(-distance[row])
+    return side, distance, exponential
 
 
 @compiled
@@ -235,34 +241,41 @@ def _changed_shape(shape, factor, change):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _with_layer(density, weight, altitude, shape, scale):  # type: ignore[no-untyped-def]
-    """Return densities (n,), those of a layer of a size where none was measured."""
-    layer = _chapman_layer(altitude, shape)
+def _with_layer(density, weight, distance, exponential, scale):  # type: ignore[no-untyped-def]
+    """Return densities (n,), those of a layer of a size where none was measured.
+
+    `distance` and `exponential` are those of `_distances_from_peak`.
+    """
     result = np.empty(len(density))
     for row in range(len(density)):
-        result[row] = density[row] if weight[row] > 0.0 else scale * layer[row]
+        if weight[row] > 0.0:
+            result[row] = density[row]
+        else:
+            # Chapman (1931), alpha layer: exp((1 - z - exp(-z)) / 2).
+            layer = math.exp(0.5 * (1.0 - distance[row] - exponential[row]))
+            result[row] = scale * layer
     return result
 
 
 @compiled
-def _with_derivatives(altitude, density, weight, shape, per_constant):  # type: ignore[no-untyped-def]
+def _with_derivatives(  # type: ignore[no-untyped-def]
+    density, weight, side, distance, exponential, shape, per_constant
+):
     """Return densities (n,) and their derivatives, (6, n), see `RunningProfile.densities`.
 
-    `weight` is positive where the density was measured; `shape` is as in `_chapman_layer`.
+    `weight` is positive where the density was measured; `side`, `distance`, `exponential` and
+    `shape` are those of `_distances_from_peak`.
     """
-    result = np.zeros((6, len(altitude)))
-    for row in range(len(altitude)):
+    result = np.zeros((6, len(density)))
+    for row in range(len(density)):
         result[0, row] = density[row]
         if weight[row] > 0.0:
             result[CONSTANT, row] = per_constant[row]
             continue
         result[SIZE, row] = density[row]
-        is_bottom = altitude[row] < shape[2]
-        height = shape[0] if is_bottom else shape[1]
-        argument = (altitude[row] - shape[2]) / height
-        slope = 0.5 * density[row] * (1.0 - math.exp(-argument))
-        result[2 if is_bottom else 3, row] = argument * slope
-        result[4, row] = slope * PEAK_UNIT / height
+        slope = 0.5 * density[row] * (1.0 - exponential[row])
+        result[2 + side[row], row] = distance[row] * slope
+        result[4, row] = slope * PEAK_UNIT / shape[side[row]]
     return result
 
 

@@ -18,9 +18,7 @@ NO_LINK = -1
 """Number of a link that has other signals than those that are compared."""
 
 # A phase that was rejected for one of these reasons does not belong to its integer.
-_NO_PHASE = np.uint16(
-    Rejection.NO_SECOND_SIGNAL | Rejection.PHASE_INVALID | Rejection.PARITY_UNKNOWN
-)
+_NO_PHASE = int(Rejection.NO_SECOND_SIGNAL | Rejection.PHASE_INVALID | Rejection.PARITY_UNKNOWN)
 
 
 class CommonSamples(NamedTuple):

@@ -145,8 +145,10 @@ class ConstantCheck:
         satellite : sequence of int, length n
         """
         before = self._before
+        if before is None:
+            return ConstantVerdict(True, 0.0, None)
         used = np.isfinite(differential_stec_tecu) & np.isfinite(sigma_tecu)
-        if before is None or not used.any():
+        if not used.any():
             return ConstantVerdict(True, 0.0, None)
         predicted, covariance = before.predicted_stec(
             time, *altitudes, elevation_chief, elevation_deputy, satellite

@@ -496,7 +496,9 @@ class FormationDensity:
         There is none without integers.
         """
         time = round(averages.time)
-        positions = np.concatenate([track.positions(np.array([time])) for track in tracks])
+        when, positions = np.array([time]), np.empty((2, 3))
+        for craft, track in enumerate(tracks):
+            positions[craft] = track.positions(when)[0]
         if not np.isfinite(positions).all():
             return []
         altitude_chief, altitude_deputy = geodetic_from_itrf(positions)[:, 2].tolist()
@@ -519,7 +521,7 @@ class FormationDensity:
         now = _Second(
             time,
             altitudes,
-            positions.mean(axis=0),
+            0.5 * (positions[0] + positions[1]),
             means,
             sigma_of_all / seeming_sigma,
             horizontal_sigma,
@@ -532,9 +534,9 @@ class FormationDensity:
         fixed = means.select(has_integers)
         satellites = fixed.prns
         sigma = sigma_of_all[has_integers]
-        proved = np.array([self._is_proved(stretch) for stretch in fixed.stretches], dtype=bool)
-        if np.count_nonzero(proved) >= _ENOUGH_PROVED:
-            sigma[~proved] = np.nan
+        proved = [self._is_proved(stretch) for stretch in fixed.stretches]
+        if not all(proved) and sum(proved) >= _ENOUGH_PROVED:
+            sigma[~np.array(proved)] = np.nan
         constant = self._constant_check.compare(
             seconds,
             altitudes,
@@ -670,7 +672,8 @@ class FormationDensity:
         )
 
     def _is_proved(self, stretch: PhaseStretch) -> bool:
-        return all(self._datum.is_proved(signal) for signal in stretch.signals)
+        first, second = stretch.signals
+        return self._datum.is_proved(first) and self._datum.is_proved(second)
 
     def _sigma(self, means: _LinkMeans) -> FloatArray:
         """Return the sigma of mean contents: white noise, and what scintillation adds to it.

@@ -68,15 +68,19 @@ def _factorise(matrix):  # type: ignore[no-untyped-def]
 @compiled
 def _solve(lower, right):  # type: ignore[no-untyped-def]
     """Solve equations with the factor of their matrix for right-hand sides (n, k), in place."""
-    size = len(lower)
+    size, columns = right.shape
     for row in range(size):
         for place in range(row):
-            right[row] -= lower[row, place] * right[place]
-        right[row] /= lower[row, row]
+            for column in range(columns):
+                right[row, column] -= lower[row, place] * right[place, column]
+        for column in range(columns):
+            right[row, column] /= lower[row, row]
     for row in range(size - 1, -1, -1):
         for place in range(row + 1, size):
-            right[row] -= lower[place, row] * right[place]
-        right[row] /= lower[row, row]
+            for column in range(columns):
+                right[row, column] -= lower[place, row] * right[place, column]
+        for column in range(columns):
+            right[row, column] /= lower[row, row]
 
 
 @compiled

@@ -119,7 +119,7 @@ class SlowErrors:
         )
         if not is_determined or freedom.sum() < _FEWEST_DEGREES:
             return
-        residual = np.clip(residual, -_LARGEST_SIGMAS, _LARGEST_SIGMAS) / weight
+        residual = np.minimum(np.maximum(residual, -_LARGEST_SIGMAS), _LARGEST_SIGMAS) / weight
         kept = math.exp(-elapsed / _MEMORY)
         self._forget(kept)
         self._first_weight *= math.exp(-elapsed / _FORGOTTEN)

@@ -76,6 +76,10 @@ class _Sample(NamedTuple):
     exceeds: bool
 
 
+# A sample that is not above the threshold, of which nothing else counts.
+_NOTHING = _Sample(math.nan, math.nan, False)
+
+
 class ExceedanceDetector:
     """Finds when a quantity rises above a threshold and stays, or falls below it and stays.
 
@@ -118,6 +122,11 @@ class ExceedanceDetector:
         if time - self._last_time > self._end_window * self._interval:
             edges += self.flush()
         self._last_time = time
+        if not (self._is_inside or value > self._threshold):
+            # As a rule nothing has begun.
+            self._recent.append(_NOTHING)
+            self._samples_below += 1
+            return edges
         sample = _Sample(time, value, value > self._threshold)
         self._recent.append(sample)
         if sample.exceeds:
