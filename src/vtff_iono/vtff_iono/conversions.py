@@ -122,10 +122,11 @@ def _integers_from_message(message: AmbiguityStatus) -> dict[SignalKey, float]:
     """Return the fixed integers of a message, cycles relative to the reference of their group."""
     names = ("system", "prn", "band", "attribute", "ambiguity_cycles", "state")
     rows = zip(*(getattr(message, name).tolist() for name in names), strict=True)
+    floating = AmbiguityStatus.STATE_FLOAT
     return {
         SignalKey(system, prn, band, attribute): cycles
         for system, prn, band, attribute, cycles, state in rows
-        if state != AmbiguityStatus.STATE_FLOAT
+        if state != floating
     }
 
 

@@ -184,7 +184,8 @@ def _messages_of(stored: bytes, channel_ids: Collection[int] | None) -> list[Sto
     # One loop without calls: a bag has thousands of messages for each second of reading.
     record_of, message_of = _RECORD.unpack_from, _MESSAGE.unpack_from
     head, message_head, size = _RECORD.size, _MESSAGE.size, len(stored)
-    messages = []
+    new = tuple.__new__  # that of the class takes twice as long
+    messages: list[StoredMessage] = []
     position = 0
     while position < size:
         opcode, length = record_of(stored, position)
@@ -196,7 +197,8 @@ def _messages_of(stored: bytes, channel_ids: Collection[int] | None) -> list[Sto
             channel_id, _, log_time, publish_time = message_of(stored, start)
             if channel_ids is None or channel_id in channel_ids:
                 serialized = stored[start + message_head : position]
-                messages.append(StoredMessage(channel_id, log_time, publish_time, serialized))
+                fields = (channel_id, log_time, publish_time, serialized)
+                messages.append(new(StoredMessage, fields))
     return messages
 
 

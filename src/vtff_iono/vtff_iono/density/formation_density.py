@@ -202,8 +202,9 @@ class _LinkMeans:
         deviation, deviation_squared = self.columns[1:3]
         return np.asarray(deviation_squared - deviation**2)
 
+    @functools.cached_property
     def has_integers(self) -> npt.NDArray[np.bool_]:
-        """Return which links have integers of both signals."""
+        """Which links have integers of both signals, shape (n,)."""
         return np.array([stretch.has_integers for stretch in self.stretches], dtype=bool)
 
     def with_integers(self, row: int, integers: tuple[float, float], content: float) -> _LinkMeans:
@@ -526,11 +527,11 @@ class FormationDensity:
             sigma_of_all / seeming_sigma,
             horizontal_sigma,
         )
-        had_integers = means.has_integers()
+        had_integers = means.has_integers
         if not had_integers.any() and self._estimator.is_bias_known:
             self._constant_check.lose(self._estimator)
         means = self._resolve_integers(seconds, altitudes, means, sigma_of_all)
-        has_integers = means.has_integers()
+        has_integers = means.has_integers
         fixed = means.select(has_integers)
         satellites = fixed.prns
         sigma = sigma_of_all[has_integers]
@@ -855,7 +856,7 @@ class FormationDensity:
         Contents are predicted from the constant, from the level that each satellite had before, and
         from the links that have integers. `sigma` are those of the means, TECU.
         """
-        has_integers = means.has_integers()
+        has_integers = means.has_integers
         is_predicted = self._estimator.is_bias_known or (
             self._estimator.has_bias and has_integers.any()
         )
