@@ -168,7 +168,7 @@ def test_errors_are_predicted_from_the_noise_of_the_world():
     state.add(("thrust", 0), 0.0, 0.0025)
     np.testing.assert_array_equal(np.diagonal(state.error_covariance), [1.0] * 6 + [0.0] * 4)
     state.disturbance = np.array([0.3, 0.0, 0.0, 0.0, 0.0, 0.0])
-    state.predict_gauss_markov(np.ones(10), np.zeros(10))
+    state.predict_gauss_markov(np.ones(10), np.zeros(10), np.zeros(10))
     # The code of the first axis has the noise that is expected, 4; the phase of the second has 1.
     design = np.zeros((2, 10))
     design[0, 0] = design[1, 1] = 1.0

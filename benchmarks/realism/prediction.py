@@ -175,9 +175,11 @@ class _ErrorState(GaussianState):
         self.mean_error = whole @ self.mean_error
         self.error_covariance = whole @ self.error_covariance @ whole.T
 
-    def predict_gauss_markov(self, decay: FloatArray, steady_variance: FloatArray) -> None:
+    def predict_gauss_markov(
+        self, decay: FloatArray, steady_variance: FloatArray, growth: FloatArray
+    ) -> None:
         """Propagate all members; the motion has been propagated, and was disturbed."""
-        super().predict_gauss_markov(decay, steady_variance)
+        super().predict_gauss_markov(decay, steady_variance, growth)
         self.mean_error *= decay
         self.mean_error[:6] -= self.disturbance
         self.disturbance = np.zeros(6)

@@ -336,6 +336,6 @@ def _content_builder(field: _Field, index: int) -> Callable[[Sequence[Any]], Any
         return lambda values: values[index][:-1].decode()
     if field.kind == "array":
         kind = np.dtype(field.format)
-        # Of a bytearray, which may be written.
+        # An array of a bytearray may be written to.
         return lambda values: np.frombuffer(bytearray(values[index]), kind)
     return lambda values: array.array(field.format, values[index])

@@ -79,8 +79,8 @@ class RunningProfile:
             )
         )
         self._shape = np.array([scale_height_bottom, scale_height_top, peak_altitude])
-        # Of each altitude the row of the shape that is its scale height, its distance from the
-        # peak in that height, and the exponential of the negative distance.
+        # The row of the shape that is the scale height of each altitude, the distance of the
+        # altitude from the peak in that height, and the exponential of the negative distance.
         self._layer: tuple[npt.NDArray[np.int64], FloatArray, FloatArray]
         self._layer = _distances_from_peak(self.altitude, self._shape)
         self._weight = np.zeros(len(self.altitude))

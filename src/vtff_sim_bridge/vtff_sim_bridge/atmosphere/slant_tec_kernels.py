@@ -189,11 +189,11 @@ def ray_kernel(edges, weights, nodes, radius, start, radius_zero):  # type: igno
     edges : ndarray, shape (m, c + 1)
         m.
     weights : ndarray, shape (m, c, 4)
-        Of the nodes of the cells.
+        Weights of the nodes of the cells.
     nodes : ndarray, shape (4,)
-        Places of these, of the cell [-1, 1].
+        Places of these nodes in the cell [-1, 1].
     radius : ndarray, shape (m, 1)
-        Of the receivers, m.
+        Radii of the receivers, m.
     start : ndarray, shape (m, n)
         Their distances from the perigees, m.
     radius_zero : float

@@ -334,7 +334,7 @@ def observe(  # type: ignore[no-untyped-def]
     Parameters
     ----------
     clock_offset, clock_drift : ndarray, shape (k,)
-        Of the receiver, s, s/s.
+        Clock of the receiver, s, s/s.
     distance, distance_rate : ndarray, shape (k, n)
         m, m/s.
     clock_offset_satellite, clock_drift_satellite : ndarray, shape (k, n)
@@ -348,7 +348,7 @@ def observe(  # type: ignore[no-untyped-def]
     code_terms, phase_terms : ndarray, shape (any, k, m)
         Further parts of code and carrier ranges, m.
     code_delay, phase_delay : ndarray, shape (k, m)
-        Of the ionosphere, m.
+        What the ionosphere delays code and phase by, m.
     last_phase_delay : ndarray, shape (links,)
         That of the epoch before of all links, NaN where there was none, m; is changed to that of
         the last epoch.
@@ -358,7 +358,7 @@ def observe(  # type: ignore[no-untyped-def]
     sigma_code, sigma_phase, sigma_doppler : ndarray, shape (k, m)
         m, m, m/s.
     noise_code, noise_phase, noise_doppler, noise_cn0 : ndarray, shape (links, 20)
-        Of unit variance; empty if there is no noise.
+        Noise of unit variance; empty if there is none.
     first : int
         Index of the first epoch in the second.
     ten : float
