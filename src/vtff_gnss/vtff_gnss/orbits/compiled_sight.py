@@ -58,77 +58,28 @@ def sights_of_receivers(  # type: ignore[no-untyped-def]
     Returns
     -------
     ndarray, shape (16, m, n)
-        Travel time, range, range rate, direction (3), elevation, azimuth, position (3) and
-        velocity (3) of the satellite, its clock offset and drift; units as in `LineOfSight`.
+        Travel time, range, range rate, direction (3), elevation, position (3) and velocity (3) of
+        the satellite, its clock offset and drift, azimuth; units as in `LineOfSight`.
     """
     receivers, satellites = len(offset), len(toe)
     result = np.empty((16, receivers, satellites))
     angle = _RATE * travel_time
-    cosine_flight, sine_flight = math.cos(angle), math.sin(angle)
+    flight = math.cos(angle), math.sin(angle)
     orbit = np.empty(9)
     for m in range(receivers):
-        rx, ry, rz = position[m, 0], position[m, 1], position[m, 2]
-        # Velocity of the receiver in axes that do not rotate.
-        rvx = velocity[m, 0] - _RATE * ry
-        rvy = velocity[m, 1] + _RATE * rx
-        rvz = velocity[m, 2]
-        equatorial, polar, cosine_lon, sine_lon = _ellipsoid_normal(rx, ry, rz)
+        receiver = _receiver_motion(position[m], velocity[m])
+        axes = _ellipsoid_normal(position[m, 0], position[m, 1], position[m, 2])
         for s in range(satellites):
             since_toe = (time - toe[s]) / NANOSECONDS_PER_SECOND + (offset[m] - travel_time)
             since_toc = (time - toc[s]) / NANOSECONDS_PER_SECOND + (offset[m] - travel_time)
             clock, drift = _satellite_state(
                 elements[s], since_toe, since_toc, iterations, tolerance, orbit
             )
-            # Derivatives in axes that do not rotate and coincide with the fixed ones at reception.
-            vx, vy = orbit[3] - _RATE * orbit[1], orbit[4] + _RATE * orbit[0]
-            ax, ay = orbit[6] - _RATE * orbit[4], orbit[7] + _RATE * orbit[3]
-            ax, ay = ax - _RATE * vy, ay + _RATE * vx
-            p0x = cosine_flight * orbit[0] + sine_flight * orbit[1] - rx
-            p0y = cosine_flight * orbit[1] - sine_flight * orbit[0] - ry
-            p0z = orbit[2] - rz
-            p1x = -(cosine_flight * vx + sine_flight * vy)
-            p1y = -(cosine_flight * vy - sine_flight * vx)
-            p1z = -orbit[5]
-            p2x = cosine_flight * ax + sine_flight * ay
-            p2y = cosine_flight * ay - sine_flight * ax
-            p2z = orbit[8]
-            delay = 0.0
-            for _ in range(2):
-                half = 0.5 * delay
-                dx = p0x + delay * (p1x + half * p2x)
-                dy = p0y + delay * (p1y + half * p2y)
-                dz = p0z + delay * (p1z + half * p2z)
-                distance = math.sqrt(dx * dx + dy * dy + dz * dz)
-                change = dx * (p1x + delay * p2x) + dy * (p1y + delay * p2y)
-                change = (change + dz * (p1z + delay * p2z)) / distance
-                excess = distance - SPEED_OF_LIGHT * (travel_time + delay)
-                delay += excess / (SPEED_OF_LIGHT - change)
-            half = 0.5 * delay
-            dx = p0x + delay * (p1x + half * p2x)
-            dy = p0y + delay * (p1y + half * p2y)
-            dz = p0z + delay * (p1z + half * p2z)
-            distance = SPEED_OF_LIGHT * (travel_time + delay)
-            ux, uy, uz = dx / distance, dy / distance, dz / distance
-            svx, svy, svz = -(p1x + delay * p2x), -(p1y + delay * p2y), -(p1z + delay * p2z)
-            closing = ux * (svx - rvx) + uy * (svy - rvy) + uz * (svz - rvz)
-            along = ux * svx + uy * svy + uz * svz
-            outward = cosine_lon * ux + sine_lon * uy
-            east = cosine_lon * uy - sine_lon * ux
-            north = equatorial * uz - polar * outward
-            up = equatorial * outward + polar * uz
-            x, y, z = dx + rx, dy + ry, dz + rz
-            result[0, m, s] = travel_time + delay
-            result[1, m, s] = distance
-            result[2, m, s] = closing / (1.0 + along / SPEED_OF_LIGHT)
-            result[3, m, s], result[4, m, s], result[5, m, s] = ux, uy, uz
+            east, north, up = _write_ray(
+                result, m, s, orbit, clock, drift, receiver, axes, travel_time, flight
+            )
             result[6, m, s] = math.atan2(up, math.sqrt(east * east + north * north))
-            result[7, m, s] = math.atan2(east, north) % _TWO_PI
-            result[8, m, s], result[9, m, s], result[10, m, s] = x, y, z
-            result[11, m, s] = svx + _RATE * y
-            result[12, m, s] = svy - _RATE * x
-            result[13, m, s] = svz
-            result[14, m, s] = clock - delay * drift
-            result[15, m, s] = drift
+            result[15, m, s] = math.atan2(east, north) % _TWO_PI
     return result
 
 
@@ -183,82 +134,123 @@ def rays_to_motion(motion, position, velocity, geodetic, travel_time):  # type: 
     Returns
     -------
     ndarray, shape (15, k, n)
-        As `sights_of_receivers`, but without azimuth.
+        Rows of `sights_of_receivers` but for the azimuth, which is the last.
     """
     count, satellites = len(position), motion.shape[2]
     result = np.empty((15, count, satellites))
     angle = _RATE * travel_time
-    cosine_flight, sine_flight = math.cos(angle), math.sin(angle)
+    flight = math.cos(angle), math.sin(angle)
+    orbit = np.empty(9)
     for k in range(count):
-        rx, ry, rz = position[k, 0], position[k, 1], position[k, 2]
-        # Velocity of the receiver in axes that do not rotate.
-        rvx = velocity[k, 0] - _RATE * ry
-        rvy = velocity[k, 1] + _RATE * rx
-        rvz = velocity[k, 2]
+        receiver = _receiver_motion(position[k], velocity[k])
         latitude, longitude = geodetic[k, 0], geodetic[k, 1]
         zx = math.cos(latitude) * math.cos(longitude)
         zy = math.cos(latitude) * math.sin(longitude)
-        polar = math.sin(latitude)
         equatorial = math.hypot(zx, zy)
         cosine_lon, sine_lon = 1.0, 0.0
         if equatorial >= 1e-12:
             scale = 1.0 / equatorial
             cosine_lon, sine_lon = zx * scale, zy * scale
-        i, j = count + k, 2 * count + k
+        axes = equatorial, math.sin(latitude), cosine_lon, sine_lon
         for s in range(satellites):
-            x, y, z = motion[0, k, s], motion[1, k, s], motion[2, k, s]
-            # Derivatives in axes that do not rotate and coincide with the fixed ones at reception.
-            vx, vy, vz = motion[0, i, s] - _RATE * y, motion[1, i, s] + _RATE * x, motion[2, i, s]
-            ax = motion[0, j, s] - _RATE * motion[1, i, s]
-            ay = motion[1, j, s] + _RATE * motion[0, i, s]
-            ax, ay = ax - _RATE * vy, ay + _RATE * vx
-            p0x = cosine_flight * x + sine_flight * y - rx
-            p0y = cosine_flight * y - sine_flight * x - ry
-            p0z = z - rz
-            p1x = cosine_flight * -vx + sine_flight * -vy
-            p1y = cosine_flight * -vy - sine_flight * -vx
-            p1z = -vz
-            p2x = cosine_flight * ax + sine_flight * ay
-            p2y = cosine_flight * ay - sine_flight * ax
-            p2z = motion[2, j, s]
-            delay = 0.0
-            for _ in range(2):
-                half = 0.5 * delay
-                dx = p0x + delay * (p1x + half * p2x)
-                dy = p0y + delay * (p1y + half * p2y)
-                dz = p0z + delay * (p1z + half * p2z)
-                distance = math.sqrt(dx * dx + dy * dy + dz * dz)
-                change = dx * (p1x + delay * p2x) + dy * (p1y + delay * p2y)
-                change = (change + dz * (p1z + delay * p2z)) / distance
-                excess = distance - SPEED_OF_LIGHT * (travel_time + delay)
-                delay = delay + excess / (SPEED_OF_LIGHT - change)
-            half = 0.5 * delay
-            dx = p0x + delay * (p1x + half * p2x)
-            dy = p0y + delay * (p1y + half * p2y)
-            dz = p0z + delay * (p1z + half * p2z)
-            distance = SPEED_OF_LIGHT * (travel_time + delay)
-            ux, uy, uz = dx / distance, dy / distance, dz / distance
-            svx, svy, svz = -(p1x + delay * p2x), -(p1y + delay * p2y), -(p1z + delay * p2z)
-            closing = ux * (svx - rvx) + uy * (svy - rvy) + uz * (svz - rvz)
-            along = ux * svx + uy * svy + uz * svz
-            outward = cosine_lon * ux + sine_lon * uy
-            east = cosine_lon * uy - sine_lon * ux
-            north = equatorial * uz - polar * outward
-            up = equatorial * outward + polar * uz
-            x, y, z = dx + rx, dy + ry, dz + rz
-            drift = motion[3, i, s]
-            result[0, k, s] = travel_time + delay
-            result[1, k, s] = distance
-            result[2, k, s] = closing / (1.0 + along / SPEED_OF_LIGHT)
-            result[3, k, s], result[4, k, s], result[5, k, s] = ux, uy, uz
+            for component in range(3):
+                orbit[component] = motion[component, k, s]
+                orbit[3 + component] = motion[component, count + k, s]
+                orbit[6 + component] = motion[component, 2 * count + k, s]
+            clock, drift = motion[3, k, s], motion[3, count + k, s]
+            east, north, up = _write_ray(
+                result, k, s, orbit, clock, drift, receiver, axes, travel_time, flight
+            )
             result[6, k, s] = math.atan2(up, math.hypot(east, north))
-            result[7, k, s], result[8, k, s], result[9, k, s] = x, y, z
-            result[10, k, s] = svx + _RATE * y
-            result[11, k, s] = svy - _RATE * x
-            result[12, k, s] = svz
-            result[13, k, s] = motion[3, k, s] - delay * drift
-            result[14, k, s] = drift
     return result
+
+
+@compiled
+def _receiver_motion(position, velocity):  # type: ignore[no-untyped-def]
+    """Return position, and velocity in axes that do not rotate, of a receiver as six numbers."""
+    x, y, z = position[0], position[1], position[2]
+    return x, y, z, velocity[0] - _RATE * y, velocity[1] + _RATE * x, velocity[2]
+
+
+@compiled
+def _write_ray(  # type: ignore[no-untyped-def]
+    result, k, s, orbit, clock, drift, receiver, axes, travel_time, flight
+):
+    """Write the ray from a receiver to a satellite but for its angles; return its direction.
+
+    Parameters
+    ----------
+    result : ndarray, shape (15 or more, m, n)
+        Rows of `sights_of_receivers`, of which column `k`, `s` is written.
+    orbit : ndarray, shape (9,)
+        Position, velocity and acceleration of the satellite, ITRF, m, m/s, m/s2, and
+    clock, drift : float
+        its clock (s), so long before the reception as
+    travel_time : float
+        tells, s.
+    receiver : tuple of 6 float
+        See `_receiver_motion`.
+    axes : tuple of 4 float
+        See `_ellipsoid_normal`.
+    flight : tuple of 2 float
+        Cosine and sine of the angle by which the Earth rotates in `travel_time`.
+
+    Returns
+    -------
+    east, north, up : float
+        Unit vector from the receiver to the satellite.
+    """
+    rx, ry, rz, rvx, rvy, rvz = receiver
+    equatorial, polar, cosine_lon, sine_lon = axes
+    cosine_flight, sine_flight = flight
+    # Derivatives in axes that do not rotate and coincide with the fixed ones at reception.
+    vx, vy = orbit[3] - _RATE * orbit[1], orbit[4] + _RATE * orbit[0]
+    ax, ay = orbit[6] - _RATE * orbit[4], orbit[7] + _RATE * orbit[3]
+    ax, ay = ax - _RATE * vy, ay + _RATE * vx
+    p0x = cosine_flight * orbit[0] + sine_flight * orbit[1] - rx
+    p0y = cosine_flight * orbit[1] - sine_flight * orbit[0] - ry
+    p0z = orbit[2] - rz
+    p1x = -(cosine_flight * vx + sine_flight * vy)
+    p1y = -(cosine_flight * vy - sine_flight * vx)
+    p1z = -orbit[5]
+    p2x = cosine_flight * ax + sine_flight * ay
+    p2y = cosine_flight * ay - sine_flight * ax
+    p2z = orbit[8]
+    delay = 0.0
+    for _ in range(2):
+        half = 0.5 * delay
+        dx = p0x + delay * (p1x + half * p2x)
+        dy = p0y + delay * (p1y + half * p2y)
+        dz = p0z + delay * (p1z + half * p2z)
+        distance = math.sqrt(dx * dx + dy * dy + dz * dz)
+        change = dx * (p1x + delay * p2x) + dy * (p1y + delay * p2y)
+        change = (change + dz * (p1z + delay * p2z)) / distance
+        excess = distance - SPEED_OF_LIGHT * (travel_time + delay)
+        delay += excess / (SPEED_OF_LIGHT - change)
+    half = 0.5 * delay
+    dx = p0x + delay * (p1x + half * p2x)
+    dy = p0y + delay * (p1y + half * p2y)
+    dz = p0z + delay * (p1z + half * p2z)
+    distance = SPEED_OF_LIGHT * (travel_time + delay)
+    ux, uy, uz = dx / distance, dy / distance, dz / distance
+    svx, svy, svz = -(p1x + delay * p2x), -(p1y + delay * p2y), -(p1z + delay * p2z)
+    closing = ux * (svx - rvx) + uy * (svy - rvy) + uz * (svz - rvz)
+    along = ux * svx + uy * svy + uz * svz
+    x, y, z = dx + rx, dy + ry, dz + rz
+    result[0, k, s] = travel_time + delay
+    result[1, k, s] = distance
+    result[2, k, s] = closing / (1.0 + along / SPEED_OF_LIGHT)
+    result[3, k, s], result[4, k, s], result[5, k, s] = ux, uy, uz
+    result[7, k, s], result[8, k, s], result[9, k, s] = x, y, z
+    result[10, k, s] = svx + _RATE * y
+    result[11, k, s] = svy - _RATE * x
+    result[12, k, s] = svz
+    result[13, k, s] = clock - delay * drift
+    result[14, k, s] = drift
+    outward = cosine_lon * ux + sine_lon * uy
+    east = cosine_lon * uy - sine_lon * ux
+    north = equatorial * uz - polar * outward
+    return east, north, equatorial * outward + polar * uz
 
 
 @compiled

@@ -224,17 +224,7 @@ def rays_of_epochs(
         np.ascontiguousarray(geodetic_from_itrf(position_receiver_itrf)),
         _TYPICAL_TRAVEL_TIME,
     )
-    return SatelliteRays(
-        travel_time=found[0],
-        range=found[1],
-        range_rate=found[2],
-        direction_itrf=_vectors(found[3:6]),
-        elevation=found[6],
-        position_satellite_itrf=_vectors(found[7:10]),
-        velocity_satellite_itrf=_vectors(found[10:13]),
-        clock_offset_satellite=found[13],
-        clock_drift_satellite=found[14],
-    )
+    return SatelliteRays(**_ray_columns(found))
 
 
 def compile_kernels() -> None:
@@ -265,18 +255,22 @@ def _compiled_lines_of_sight(
         KEPLER_ITERATIONS,
         KEPLER_TOLERANCE,
     )
-    return LineOfSight(
-        travel_time=found[0],
-        range=found[1],
-        range_rate=found[2],
-        direction_itrf=_vectors(found[3:6]),
-        elevation=found[6],
-        azimuth=found[7],
-        position_satellite_itrf=_vectors(found[8:11]),
-        velocity_satellite_itrf=_vectors(found[11:14]),
-        clock_offset_satellite=found[14],
-        clock_drift_satellite=found[15],
-    )
+    return LineOfSight(**_ray_columns(found), azimuth=found[15])
+
+
+def _ray_columns(found: FloatArray) -> dict[str, FloatArray]:
+    """Return the fields of `SatelliteRays` in the rows of compiled rays."""
+    return {
+        "travel_time": found[0],
+        "range": found[1],
+        "range_rate": found[2],
+        "direction_itrf": _vectors(found[3:6]),
+        "elevation": found[6],
+        "position_satellite_itrf": _vectors(found[7:10]),
+        "velocity_satellite_itrf": _vectors(found[10:13]),
+        "clock_offset_satellite": found[13],
+        "clock_drift_satellite": found[14],
+    }
 
 
 def ellipsoid_normal(position_itrf: npt.ArrayLike) -> FloatArray:
