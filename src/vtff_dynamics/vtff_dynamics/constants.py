@@ -34,6 +34,8 @@ SECONDS_PER_WEEK = 604800
 NANOSECONDS_PER_SECOND = 1_000_000_000
 """Nanoseconds in a second."""
 
+NANOSECONDS_PER_MILLISECOND = 1_000_000
+"""Nanoseconds in a millisecond."""
 
 TT_MINUS_GPS_NANOSECONDS = 51_184_000_000
 """TT - GPS, ns: 19 s (TAI - GPS) and 32.184 s (TT - TAI, IAU 1991)."""

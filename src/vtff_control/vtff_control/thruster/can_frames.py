@@ -17,13 +17,13 @@ import numpy.typing as npt
 
 from vtff_control.bus.database import load_messages
 from vtff_control.bus.frames import encode_frame, find_damage
+from vtff_dynamics.constants import NANOSECONDS_PER_MILLISECOND
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_dynamics.vectors import FloatArray
 
 MODE_OFF = 0
 MODE_THRUST = 1
 
-_NANOSECONDS_PER_MILLISECOND = 1_000_000
 _SIGNALS = {
     "ThrustCommandRT": ("Checksum", "Sequence", "GpsWeek", "AccelerationR", "AccelerationT"),
     "ThrustCommandN": ("Checksum", "Sequence", "AccelerationN", "TimeOfWeek", "Mode"),
@@ -261,4 +261,4 @@ class ThrusterFrames:
 
 def time_of_week_milliseconds(time: GpsTime) -> int:
     """Return the GPS time of week in whole milliseconds, the rest cut off."""
-    return time.time_of_week_nanoseconds // _NANOSECONDS_PER_MILLISECOND
+    return time.time_of_week_nanoseconds // NANOSECONDS_PER_MILLISECOND

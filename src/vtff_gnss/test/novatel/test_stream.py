@@ -317,6 +317,14 @@ def test_whatever_bits_range_logs_have_they_are_decoded_together_as_one_by_one(s
     assert not isinstance(before, RangeSeries)  # a log alone is an epoch
 
 
+@pytest.mark.parametrize("week", [15_249, 15_250, 65_535])
+def test_weeks_that_no_receiver_sees_are_decoded_together_as_one_by_one(week):
+    payload = struct.pack("<I", 2) + range_records(2).tobytes()
+    frames = [binary_frame(43, payload, 604_799_900 + 50 * k, week) for k in range(2)]
+    stream = ReceiverLogStream()
+    assert events_of(b"".join(frames)) == [e for frame in frames for e in stream.feed(frame)]
+
+
 def test_signals_without_a_rinex_name_are_left_out_and_counted():
     records = range_records(3)
     records["tracking_status"][1] = 7 << 16 | 19 << 21  # L-band

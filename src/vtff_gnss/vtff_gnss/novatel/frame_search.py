@@ -7,9 +7,9 @@ one after the other. What else a stream may hold is the work of `vtff_gnss.novat
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
 from vtff_dynamics.compiled import compiled
+from vtff_gnss.novatel.checksum import add_byte, add_words
 from vtff_gnss.novatel.message_ids import ID_RANGE, PAYLOAD_LAYOUTS
 
 __all__ = [
@@ -19,7 +19,8 @@ __all__ = [
     "MAX_OTHER_PAYLOAD",
     "MIN_HEADER_LENGTH",
     "RESPONSE_BIT",
-    "IntactFrames",
+    "find_intact_frames",
+    "read_integer",
 ]
 
 MAX_OTHER_PAYLOAD = 8192
@@ -37,48 +38,32 @@ _LAYOUTS = np.array([(number, *layout) for number, layout in PAYLOAD_LAYOUTS.ite
 _GROUPS = 64
 
 
-def _make_crc_tables() -> npt.NDArray[np.uint32]:
-    """Return the tables of the CRC-32 of 0xEDB88320 for 8 bytes at a time, shape (8, 256).
+def find_intact_frames(content: bytes, position: int) -> list[tuple[int, int, int]]:
+    """Return the intact frames from a position on, up to the first byte that is none of theirs.
 
-    Table j holds the CRC of a byte that is followed by j zeros.
+    Returns
+    -------
+    list of (start, end, count)
+        Consecutive RANGE logs of one length are one group of `count` frames; each other frame is a
+        group of its own. Empty if no intact frame is at the position; there may be more frames
+        than are returned.
     """
-    tables = np.zeros((8, 256), dtype=np.uint32)
-    value = np.arange(256, dtype=np.uint32)
-    for _ in range(8):
-        value = (value >> np.uint32(1)) ^ np.where(value & 1, np.uint32(0xEDB88320), np.uint32(0))
-    tables[0] = value
-    for number in range(1, 8):
-        before = tables[number - 1]
-        tables[number] = (before >> np.uint32(8)) ^ tables[0][before & np.uint32(255)]
-    return tables
-
-
-_CRC_TABLES = _make_crc_tables()
-
-
-class IntactFrames:
-    """Finds intact frames that follow each other without a gap."""
-
-    def __init__(self) -> None:
-        self._groups = np.zeros((_GROUPS, 3), dtype=np.int64)
-
-    def find(self, content: bytes, position: int) -> list[tuple[int, int, int]]:
-        """Return the intact frames from a position on, up to the first byte that is none of theirs.
-
-        Returns
-        -------
-        list of (start, end, count)
-            Consecutive RANGE logs of one length are one group of `count` frames; each other frame
-            is a group of its own. Empty if no intact frame is at the position; there may be more
-            frames than are returned.
-        """
-        view = np.frombuffer(content, dtype=np.uint8)
-        count = _find_intact_frames(view, position, _LAYOUTS, _CRC_TABLES, self._groups)
-        return [(start, end, frames) for start, end, frames in self._groups[:count].tolist()]
+    groups = np.empty((_GROUPS, 3), dtype=np.int64)
+    count = _fill_groups(np.frombuffer(content, dtype=np.uint8), position, _LAYOUTS, groups)
+    return [(start, end, frames) for start, end, frames in groups[:count].tolist()]
 
 
 @compiled
-def _find_intact_frames(content, position, layouts, crc_tables, groups):  # type: ignore[no-untyped-def]
+def read_integer(content, place, length):  # type: ignore[no-untyped-def]
+    """Return an unsigned integer of some bytes, the lowest first."""
+    number = np.int64(0)
+    for byte in range(length):
+        number |= np.int64(content[place + byte]) << (8 * byte)
+    return number
+
+
+@compiled
+def _fill_groups(content, position, layouts, groups):  # type: ignore[no-untyped-def]
     """Fill groups of intact long binary frames, and return their number.
 
     Parameters
@@ -86,7 +71,6 @@ def _find_intact_frames(content, position, layouts, crc_tables, groups):  # type
     content : ndarray of uint8, shape (m,)
     position : int
     layouts : ndarray of int64, shape (logs, 4)
-    crc_tables : ndarray of uint32, shape (8, 256)
     groups : ndarray of int64, shape (most, 3)
         Takes start, end and number of frames.
     """
@@ -121,35 +105,21 @@ def _find_intact_frames(content, position, layouts, crc_tables, groups):  # type
         else:
             if payload_length < layouts[row, 1]:
                 break
-            elements = np.int64(0)
-            for byte in range(4):
-                place = position + header_length + layouts[row, 3] + byte
-                elements |= np.int64(content[place]) << (8 * byte)
+            elements = read_integer(content, position + header_length + layouts[row, 3], 4)
             if not 0 <= payload_length - layouts[row, 1] - layouts[row, 2] * elements < 4:
                 break
         end = position + length - CRC_LENGTH
-        crc = np.int64(0)
+        checksum = np.int64(0)
         place = position
         while place + 8 <= end:
-            for byte in range(4):
-                crc ^= np.int64(content[place + byte]) << (8 * byte)
-            crc = (
-                np.int64(crc_tables[7, crc & 255])
-                ^ np.int64(crc_tables[6, crc >> 8 & 255])
-                ^ np.int64(crc_tables[5, crc >> 16 & 255])
-                ^ np.int64(crc_tables[4, crc >> 24])
-                ^ np.int64(crc_tables[3, content[place + 4]])
-                ^ np.int64(crc_tables[2, content[place + 5]])
-                ^ np.int64(crc_tables[1, content[place + 6]])
-                ^ np.int64(crc_tables[0, content[place + 7]])
+            checksum = add_words(
+                checksum, read_integer(content, place, 4), read_integer(content, place + 4, 4)
             )
             place += 8
         while place < end:
-            crc = np.int64(crc_tables[0, (crc ^ content[place]) & 255]) ^ (crc >> 8)
+            checksum = add_byte(checksum, content[place])
             place += 1
-        for byte in range(4):
-            crc ^= np.int64(content[end + byte]) << (8 * byte)
-        if crc != 0:
+        if checksum != read_integer(content, end, 4):
             break
         is_range = message_id == ID_RANGE and row >= 0
         if is_range and length == length_before:

@@ -26,7 +26,7 @@ from vtff_gnss.novatel.frame_search import (
     MAX_OTHER_PAYLOAD,
     MIN_HEADER_LENGTH,
     RESPONSE_BIT,
-    IntactFrames,
+    find_intact_frames,
 )
 from vtff_gnss.novatel.message_ids import PAYLOAD_LAYOUTS
 
@@ -170,7 +170,6 @@ class FrameScanner:
     def __init__(self, counters: StreamCounters) -> None:
         self._counters = counters
         self._buffer = b""
-        self._intact_frames = IntactFrames()
 
     def feed(self, chunk: bytes | bytearray | memoryview) -> list[Frame | RangeFrames]:
         """Take the next bytes of the stream and return the frames that they complete."""
@@ -220,7 +219,7 @@ class FrameScanner:
         """Append the intact frames that follow each other from a position on; return their end."""
         buffer = self._buffer
         while buffer.startswith(_LONG_START, position):
-            groups = self._intact_frames.find(buffer, position)
+            groups = find_intact_frames(buffer, position)
             if not groups:
                 break
             for start, end, count in groups:

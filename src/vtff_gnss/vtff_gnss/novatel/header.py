@@ -5,13 +5,16 @@ from __future__ import annotations
 import struct
 from typing import NamedTuple
 
+from vtff_dynamics.constants import NANOSECONDS_PER_MILLISECOND
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_gnss.novatel.framing import CRC_LENGTH, RESPONSE_BIT
 
-__all__ = ["TIME_STATUS_UNKNOWN", "BinaryLog", "parse_binary_log"]
+__all__ = ["MILLISECONDS_PER_WEEK", "TIME_STATUS_UNKNOWN", "BinaryLog", "parse_binary_log"]
 
 TIME_STATUS_UNKNOWN = 20
 """The receiver does not know the time; week and time of the header mean nothing."""
+
+MILLISECONDS_PER_WEEK = 604_800_000
 
 _HEADER = struct.Struct("<3xBHBxHHxBHII")
 
@@ -49,4 +52,4 @@ def parse_binary_log(content: bytes) -> BinaryLog:
 
 
 def _time(week: int, milliseconds: int) -> GpsTime:
-    return GpsTime((week * 604_800_000 + milliseconds) * 1_000_000)
+    return GpsTime((week * MILLISECONDS_PER_WEEK + milliseconds) * NANOSECONDS_PER_MILLISECOND)

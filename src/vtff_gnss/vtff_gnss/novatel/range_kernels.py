@@ -10,6 +10,7 @@ import math
 import numpy as np
 
 from vtff_dynamics.compiled import compiled
+from vtff_dynamics.constants import NANOSECONDS_PER_MILLISECOND
 from vtff_gnss.constants import (
     FLAG_CODE_VALID,
     FLAG_HALF_CYCLE_ADDED,
@@ -17,16 +18,14 @@ from vtff_gnss.constants import (
     FLAG_PARITY_KNOWN,
     FLAG_PHASE_VALID,
 )
-from vtff_gnss.novatel.frame_search import RESPONSE_BIT
-from vtff_gnss.novatel.header import TIME_STATUS_UNKNOWN
+from vtff_gnss.novatel.frame_search import RESPONSE_BIT, read_integer
+from vtff_gnss.novatel.header import MILLISECONDS_PER_WEEK, TIME_STATUS_UNKNOWN
 from vtff_gnss.novatel.range.range_logs import GLONASS_CHANNEL_OFFSET, RANGE_RECORD
 
 __all__ = ["copy_range_columns", "find_lost_locks", "read_range_heads"]
 
 _RECORD_LENGTH = RANGE_RECORD.itemsize
 _COUNT_LENGTH = 4  # bytes of the number of records, which stands before them
-_MILLISECONDS_PER_WEEK = 604_800_000
-_NANOSECONDS_PER_MILLISECOND = 1_000_000
 _PSEUDORANGE, _PHASE, _DOPPLER, _CN0, _PSEUDORANGE_SIGMA, _PHASE_SIGMA, _LOCK_TIME, _STATUS = (
     RANGE_RECORD.fields[name][1]  # type: ignore[index]  # place in a record
     for name in (
@@ -40,17 +39,9 @@ _PSEUDORANGE, _PHASE, _DOPPLER, _CN0, _PSEUDORANGE_SIGMA, _PHASE_SIGMA, _LOCK_TI
         "tracking_status",
     )
 )
+_LAST_WEEK = 15_249  # 64 bits hold its times, ns since 1980-01-06
 # Exponents of numbers of 4 bytes from which on the distance to the next number is not finite.
 _GREATEST_EXPONENT = 254
-
-
-@compiled
-def _read_number(content, place, length):  # type: ignore[no-untyped-def]
-    """Return an unsigned integer of some bytes, the lowest first."""
-    number = np.int64(0)
-    for byte in range(length):
-        number |= np.int64(content[place + byte]) << (8 * byte)
-    return number
 
 
 @compiled
@@ -78,24 +69,24 @@ def read_range_heads(frames, signals, nanoseconds, time_status, receiver_status)
     first = header_length + _COUNT_LENGTH
     for log in range(len(frames)):
         frame = frames[log]
-        week = _read_number(frame, 14, 2)
+        week = read_integer(frame, 14, 2)
         if frame[3] != header_length or frame[6] & RESPONSE_BIT:
             return False
-        if week == 0 or frame[13] == TIME_STATUS_UNKNOWN:
+        if not 0 < week <= _LAST_WEEK or frame[13] == TIME_STATUS_UNKNOWN:
             return False
-        if _read_number(frame, header_length, 4) != signals.shape[1]:
+        if read_integer(frame, header_length, 4) != signals.shape[1]:
             return False
-        milliseconds = week * _MILLISECONDS_PER_WEEK + _read_number(frame, 16, 4)
-        nanoseconds[log] = milliseconds * _NANOSECONDS_PER_MILLISECOND
+        milliseconds = week * MILLISECONDS_PER_WEEK + read_integer(frame, 16, 4)
+        nanoseconds[log] = milliseconds * NANOSECONDS_PER_MILLISECOND
         time_status[log] = frame[13]
-        receiver_status[log] = _read_number(frame, 20, 4)
+        receiver_status[log] = read_integer(frame, 20, 4)
         for column in range(signals.shape[1]):
             place = first + column * _RECORD_LENGTH
-            prn = _read_number(frame, place, 2)
-            channel = _read_number(frame, place + 2, 2) - GLONASS_CHANNEL_OFFSET
-            status = _read_number(frame, place + _STATUS, 4)
+            prn = read_integer(frame, place, 2)
+            channel = read_integer(frame, place + 2, 2) - GLONASS_CHANNEL_OFFSET
+            status = read_integer(frame, place + _STATUS, 4)
             system, signal = status >> 16 & 7, status >> 21 & 31
-            lock_bits = _read_number(frame, place + _LOCK_TIME, 4)
+            lock_bits = read_integer(frame, place + _LOCK_TIME, 4)
             # Negative ones have the sign bit, which is above the exponent.
             if lock_bits >> 23 >= _GREATEST_EXPONENT:
                 return False
@@ -144,14 +135,14 @@ def find_lost_locks(  # type: ignore[no-untyped-def]
         previous_lock_time = tracked_lock_time[key[column]]
         for log in range(len(frames)):
             frame = frames[log]
-            status = _read_number(frame, place + _STATUS, 4)
+            status = read_integer(frame, place + _STATUS, 4)
             value = (
                 (status >> 10 & 1) * FLAG_PHASE_VALID
                 | (status >> 11 & 1) * FLAG_PARITY_KNOWN
                 | (status >> 12 & 1) * FLAG_CODE_VALID
                 | (status >> 28 & 1) * FLAG_HALF_CYCLE_ADDED
             )
-            lock_bits = _read_number(frame, place + _LOCK_TIME, 4)
+            lock_bits = read_integer(frame, place + _LOCK_TIME, 4)
             bits[0] = lock_bits
             lock_time = np.float64(number[0])
             seconds = nanoseconds[log] * 1e-9

@@ -48,7 +48,7 @@ class RangeSeries:
     Attributes
     ----------
     times : list of int
-        The same as `nanoseconds`, as numbers of Python.
+        Receiver times as Python integers, ns since 1980-01-06 (GPS).
     """
 
     def __init__(
@@ -77,17 +77,19 @@ class RangeSeries:
 
         Parameters
         ----------
-        rows : ndarray of uint8, shape (k, size)
+        rows : ndarray of uint8, shape (k or fewer, size)
+            A row for each of the last logs.
         starts : ndarray of int64, shape (8,)
             Where in a row each of `MEASURED_COLUMNS` begins: n elements of the type that
             `OBSERVATION_COLUMNS` states.
         """
-        copy_range_columns(self._frames, self.names.places, self._flags, rows, starts)
+        logs = slice(len(self) - len(rows), None)
+        copy_range_columns(self._frames[logs], self.names.places, self._flags[logs], rows, starts)
 
-    def epochs(self) -> list[ObservationEpoch]:
-        """Return the logs as epochs, none of which shares its columns with another."""
+    def epochs(self, first: int = 0) -> list[ObservationEpoch]:
+        """Return the logs from `first` on as epochs; none shares its columns with another."""
         template, starts = _row_layout(self.names)
-        rows = np.empty((len(self), len(template)), dtype=np.uint8)
+        rows = np.empty((len(self) - first, len(template)), dtype=np.uint8)
         rows[:] = template
         self.write_columns(rows, starts[-len(MEASURED_COLUMNS) :])
         count = len(self.names)
@@ -96,7 +98,10 @@ class RangeSeries:
             for start, kind in zip(starts.tolist(), OBSERVATION_COLUMNS.values(), strict=True)
         ]
         heads = zip(
-            self.times, self.time_status.tolist(), self.receiver_status.tolist(), strict=True
+            self.times[first:],
+            self.time_status[first:].tolist(),
+            self.receiver_status[first:].tolist(),
+            strict=True,
         )
         return [
             ObservationEpoch(

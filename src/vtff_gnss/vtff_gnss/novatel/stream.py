@@ -120,11 +120,10 @@ class ReceiverLogStream:
 
     def close(self) -> list[Event]:
         """End the stream and return what it still held back."""
-        events: list[Event] = []
+        events: list[Event | RangeSeries] = []
         for item in self._scanner.close():
-            for frame in item.split() if isinstance(item, RangeFrames) else [item]:
-                events += self._decode(frame)
-        return events + self._solutions.release()
+            events += self._decode_frames(item)
+        return split_series(events) + self._solutions.release()
 
     def _decode_frames(self, item: Frame | RangeFrames) -> Sequence[Event | RangeSeries]:
         if isinstance(item, Frame):

@@ -7,32 +7,24 @@ from __future__ import annotations
 
 import struct
 
+from vtff_dynamics.constants import NANOSECONDS_PER_MILLISECOND
+from vtff_dynamics.time.timescales import GpsTime
 from vtff_gnss.novatel import RangeSeries, ReceiverLogStream
-from vtff_gnss.novatel.framing import MIN_HEADER_LENGTH, crc32_novatel
+from vtff_gnss.novatel.encode.frame import HeaderSettings, encode_frame
 from vtff_gnss.novatel.message_ids import ID_RANGE
 from vtff_gnss.novatel.range.range_logs import RANGE_RECORD
 
 __all__ = ["rehearse_decoding"]
 
-_HEADER = struct.Struct("<3sBHBBHHBBHIIHH")
-_FINE_STEERING = 180
+#: One record of GPS satellite 1, which has zeros for all that is measured.
+_PAYLOAD = struct.pack("<IH", 1, 1).ljust(4 + RANGE_RECORD.itemsize, b"\0")
+_START = GpsTime.from_week_tow(2000, 0.0)
 
 
 def rehearse_decoding() -> RangeSeries:
     """Return the observations of one satellite at two epochs, decoded from bytes."""
-    frames = b"".join(_range_frame(week=2000, milliseconds=50 * epoch) for epoch in range(2))
-    (series,) = ReceiverLogStream().feed_series(frames)
+    times = (_START, GpsTime(_START.nanoseconds + 50 * NANOSECONDS_PER_MILLISECOND))
+    frames = [encode_frame(ID_RANGE, _PAYLOAD, time, HeaderSettings()) for time in times]
+    (series,) = ReceiverLogStream().feed_series(b"".join(frames))
     assert isinstance(series, RangeSeries)
     return series
-
-
-def _range_frame(week: int, milliseconds: int) -> bytes:
-    """Return a RANGE log of GPS satellite 1, which has zeros for all that is measured."""
-    record = struct.pack("<H", 1).ljust(RANGE_RECORD.itemsize, b"\0")
-    payload = struct.pack("<I", 1) + record
-    head = _HEADER.pack(
-        b"\xaa\x44\x12", MIN_HEADER_LENGTH, ID_RANGE, 0, 0, len(payload), 0, 0, _FINE_STEERING,
-        week, milliseconds, 0, 0, 0,
-    )  # fmt: skip
-    content = head + payload
-    return content + struct.pack("<I", crc32_novatel(content))

@@ -37,7 +37,7 @@ class StreamStatistics:
 
     def _newest_epoch(self) -> ObservationEpoch | None:
         if isinstance(self._newest, RangeSeries):
-            self._newest = self._newest.epochs()[-1]
+            (self._newest,) = self._newest.epochs(len(self._newest) - 1)
         return self._newest
 
     @property

@@ -13,6 +13,7 @@ import math
 import struct
 from typing import NamedTuple
 
+from vtff_dynamics.constants import NANOSECONDS_PER_MILLISECOND
 from vtff_sim_bridge.simremote.language import MOT_FIELDS, MOTB_FIELDS, SimRemoteSyntaxError
 from vtff_sim_bridge.simremote.motion import GeodeticMotionState, MotionState, Vector
 
@@ -21,7 +22,6 @@ TYPE_MOTB = 1
 
 _LAYOUT = struct.Struct("<4I24di")
 _PADDING = 4
-_NANOSECONDS_PER_MILLISECOND = 1_000_000
 
 
 class MotionDatagram(NamedTuple):
@@ -70,6 +70,6 @@ def parse_datagram(datagram: bytes) -> MotionDatagram:
     return MotionDatagram(
         f"v{vehicle}_m1",
         MotionState(*vectors) if kind == TYPE_MOT else GeodeticMotionState(*vectors),
-        milliseconds * _NANOSECONDS_PER_MILLISECOND if action == 1 else None,
+        milliseconds * NANOSECONDS_PER_MILLISECOND if action == 1 else None,
         latency_ms,
     )

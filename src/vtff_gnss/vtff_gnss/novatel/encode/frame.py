@@ -14,10 +14,11 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
+from vtff_dynamics.constants import NANOSECONDS_PER_MILLISECOND
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_gnss.novatel import message_ids as ids
 from vtff_gnss.novatel.framing import crc32_novatel
-from vtff_gnss.novatel.header import TIME_STATUS_UNKNOWN
+from vtff_gnss.novatel.header import MILLISECONDS_PER_WEEK, TIME_STATUS_UNKNOWN
 
 __all__ = [
     "HEADER_LENGTH",
@@ -64,8 +65,6 @@ _DEFINITION_CRCS = {
 
 _HEADER = struct.Struct("<BBBBHBBHHBBHIIHH")
 _CRC = struct.Struct("<I")
-_NANOSECONDS_PER_MILLISECOND = 1_000_000
-_MILLISECONDS_PER_WEEK = 604_800_000
 _LONGEST_PAYLOAD = 0xFFFF
 
 
@@ -138,8 +137,8 @@ def encode_frame(
         time_status = TIME_STATUS_UNKNOWN
     if time is not None and time_status != TIME_STATUS_UNKNOWN:
         check_times((time.nanoseconds,))
-        total = time.nanoseconds // _NANOSECONDS_PER_MILLISECOND
-        week, milliseconds = divmod(total, _MILLISECONDS_PER_WEEK)
+        total = time.nanoseconds // NANOSECONDS_PER_MILLISECOND
+        week, milliseconds = divmod(total, MILLISECONDS_PER_WEEK)
     check_length(len(payload))
     header = _header(
         message_id, len(payload), settings, time_status, week, milliseconds, receiver_status
@@ -159,7 +158,7 @@ def header_words(
 def check_times(times: Sequence[int]) -> None:
     """Raise ValueError if a time, ns, is not a whole millisecond, which a header cannot hold."""
     for time in times:
-        if time % _NANOSECONDS_PER_MILLISECOND:
+        if time % NANOSECONDS_PER_MILLISECOND:
             raise ValueError(f"time: {GpsTime(time)} is not a whole millisecond")
 
 

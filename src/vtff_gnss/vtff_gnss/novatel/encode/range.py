@@ -251,10 +251,8 @@ def encode_range(
     return _range_frames(epoch, [epoch.time.nanoseconds], is_observed, settings, channel)[0]
 
 
-def encode_range_series(
-    series: ObservationSeries, settings: HeaderSettings, first: int = 0
-) -> list[bytes]:
-    """Return the RANGE logs of a series from its epoch `first` on, as `encode_range` makes them.
+def encode_range_series(series: ObservationSeries, settings: HeaderSettings) -> list[bytes]:
+    """Return the RANGE logs of the epochs of a series, as `encode_range` makes them.
 
     Many times faster than epoch by epoch.
 
@@ -265,7 +263,7 @@ def encode_range_series(
         times = series.times.nanoseconds
     else:
         times = [time.nanoseconds for time in series.times]
-    return _range_frames(series, times, series.is_observed, settings, series.channel)[first:]
+    return _range_frames(series, times, series.is_observed, settings, series.channel)
 
 
 def _range_frames(

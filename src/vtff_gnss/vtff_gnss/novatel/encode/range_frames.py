@@ -1,8 +1,7 @@
 """RANGE frames of consecutive epochs, header to checksum, in one compiled pass over a buffer.
 
 All fields of the log are multiples of 16 bits at multiples of 32 bits, so that a buffer of 32-bit
-words is filled; the checksum takes two words at a time (Kounavis and Berry 2008, A systematic
-approach to building high performance software-based CRC generators, "slicing by 8").
+words is filled.
 """
 
 from __future__ import annotations
@@ -10,30 +9,15 @@ from __future__ import annotations
 import numpy as np
 
 from vtff_dynamics.compiled import compiled
+from vtff_dynamics.constants import NANOSECONDS_PER_MILLISECOND
+from vtff_gnss.novatel.checksum import add_byte, add_words
+from vtff_gnss.novatel.header import MILLISECONDS_PER_WEEK
 
-__all__ = ["RECORD_WORDS", "write_range_frames"]
+__all__ = ["write_range_frames"]
 
-RECORD_WORDS = 11
-"""32-bit words of the record of one signal."""
+_RECORD_WORDS = 11  # 32-bit words of the record of one signal
 _HEADER_WORDS = 7
 _WORDS_BESIDE_RECORDS = _HEADER_WORDS + 2
-_POLYNOMIAL = 0xEDB88320
-_NANOSECONDS_PER_MILLISECOND = 1_000_000
-_MILLISECONDS_PER_WEEK = 604_800_000
-
-
-def _checksum_tables() -> np.ndarray:
-    """Return by how much a byte changes the checksum 0 to 7 bytes later, shape (8, 256)."""
-    tables = np.zeros((8, 256), dtype=np.int64)
-    tables[0] = np.arange(256)
-    for _ in range(8):
-        tables[0] = (tables[0] >> 1) ^ np.where(tables[0] & 1, _POLYNOMIAL, 0)
-    for later in range(1, 8):
-        tables[later] = tables[0][tables[later - 1] & 255] ^ (tables[later - 1] >> 8)
-    return tables.astype(np.uint32)
-
-
-_CHECKSUM_TABLES = _checksum_tables()
 
 
 @compiled
@@ -85,17 +69,16 @@ def write_range_frames(  # type: ignore[no-untyped-def]
     Returns
     -------
     words : ndarray of uint32, shape (size,)
-        The frames; with those of the signals that are not observed left out.
+        The frames; they have no records of signals that are not observed.
     ends : ndarray of int64, shape (k,)
         Index of the word behind each frame.
     """
     epochs, signals = is_observed.shape
-    words = np.empty(epochs * (_WORDS_BESIDE_RECORDS + RECORD_WORDS * signals), np.uint32)
+    words = np.empty(epochs * (_WORDS_BESIDE_RECORDS + _RECORD_WORDS * signals), np.uint32)
     ends = np.empty(epochs, np.int64)
     # The bits of floating-point numbers are read as the words of these.
     double, single = np.empty(1), np.empty(1, np.float32)
     double_words, single_word = double.view(np.uint32), single.view(np.uint32)
-    tables = _CHECKSUM_TABLES
     end = 0
     for k in range(epochs):
         start = end
@@ -127,35 +110,23 @@ def write_range_frames(  # type: ignore[no-untyped-def]
             single[0] = lock_time[k, n]
             words[place + 9] = single_word[0]
             words[place + 10] = bits
-            place += RECORD_WORDS
+            place += _RECORD_WORDS
         words[start : start + _HEADER_WORDS] = header
-        words[start + 2] = 4 + 4 * RECORD_WORDS * count
+        words[start + 2] = 4 + 4 * _RECORD_WORDS * count
         if nanoseconds[k] >= 0:
-            milliseconds = nanoseconds[k] // _NANOSECONDS_PER_MILLISECOND
-            week = milliseconds // _MILLISECONDS_PER_WEEK
+            milliseconds = nanoseconds[k] // NANOSECONDS_PER_MILLISECOND
+            week = milliseconds // MILLISECONDS_PER_WEEK
             words[start + 3] = np.int64(header[3]) | week << 16
-            words[start + 4] = milliseconds - week * _MILLISECONDS_PER_WEEK
+            words[start + 4] = milliseconds - week * MILLISECONDS_PER_WEEK
         words[start + _HEADER_WORDS] = count
         checksum = np.int64(0)
         index = start
         while index + 1 < place:
-            low = checksum ^ np.int64(words[index])
-            high = np.int64(words[index + 1])
-            checksum = np.int64(tables[7, low & 255])
-            checksum ^= np.int64(tables[6, (low >> 8) & 255])
-            checksum ^= np.int64(tables[5, (low >> 16) & 255])
-            checksum ^= np.int64(tables[4, low >> 24])
-            checksum ^= np.int64(tables[3, high & 255])
-            checksum ^= np.int64(tables[2, (high >> 8) & 255])
-            checksum ^= np.int64(tables[1, (high >> 16) & 255])
-            checksum ^= np.int64(tables[0, high >> 24])
+            checksum = add_words(checksum, np.int64(words[index]), np.int64(words[index + 1]))
             index += 2
         if index < place:
-            low = checksum ^ np.int64(words[index])
-            checksum = np.int64(tables[3, low & 255])
-            checksum ^= np.int64(tables[2, (low >> 8) & 255])
-            checksum ^= np.int64(tables[1, (low >> 16) & 255])
-            checksum ^= np.int64(tables[0, low >> 24])
+            for byte in range(4):
+                checksum = add_byte(checksum, np.int64(words[index]) >> (8 * byte) & 255)
         words[place] = checksum
         end = place + 1
         ends[k] = end

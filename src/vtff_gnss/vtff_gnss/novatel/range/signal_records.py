@@ -111,9 +111,9 @@ class SignalNames:
     chosen : ndarray of bool, or slice
         Which of the records have a name.
     places : ndarray of int64, shape (n,)
-        The same as indices.
+        Indices of the records that have a name.
     unnamed_count : int
-        Number of the others.
+        Number of records without a name.
     lock_key : ndarray of int64, shape (n,)
         See `vtff_gnss.novatel.range.lock_time.lock_key`.
     has_repetition : bool
