@@ -134,3 +134,14 @@ def test_a_message_of_its_fields_is_that_of_the_constructor():
     assert message == made
     assert type(message) is RelativeState
     assert serialize_message(message) == serialize_message(made)
+
+
+def test_numbers_beyond_their_field_are_left_to_ros():
+    message = RelativeState(ratio=0.0)
+    message._ratio = 1e39  # ROS makes it infinite where it does not check fields
+    content = message_bytes(RelativeState).serialize(message)
+    assert message_bytes(RelativeState).deserialize(bytes(content)).ratio == np.inf
+    step = StepDone()
+    step._node = 7
+    with pytest.raises(Exception, match=r".+"):
+        message_bytes(StepDone).serialize(step)

@@ -25,7 +25,7 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from rclpy.serialization import deserialize_message
+from rclpy.serialization import deserialize_message, serialize_message
 
 __all__ = ["MessageBytes", "message_bytes", "message_of_fields"]
 
@@ -110,8 +110,8 @@ class MessageBytes:
 
         Raises
         ------
-        struct.error
-            If a number does not fit its field.
+        Exception
+            As `serialize_message`, if a value does not fit its field.
         """
         values = list(self._read_values(message))
         for index in self._texts:
@@ -129,7 +129,10 @@ class MessageBytes:
             if len(self._structs) >= _KEPT_LAYOUTS:
                 self._structs.clear()
             self._structs[lengths] = layout
-        return layout.pack(_LITTLE_ENDIAN, *values)
+        try:
+            return layout.pack(_LITTLE_ENDIAN, *values)
+        except (struct.error, OverflowError):  # a number beyond the range of its field
+            return serialize_message(message)
 
     def deserialize(self, content: bytes) -> Any:
         """Return the message of some bytes.
@@ -224,9 +227,6 @@ def _reader(make: Callable[..., Any], places: Sequence[Any]) -> Callable[[Any], 
 def message_of_fields(message_type: Any, **fields: Any) -> Any:
     """Return a message of all its fields, as the constructor does that checks nothing.
 
-    The constructor makes each part twice, as a default and as what is given, which takes five times
-    as long.
-
     Parameters
     ----------
     message_type
@@ -235,12 +235,29 @@ def message_of_fields(message_type: Any, **fields: Any) -> Any:
         Value of each field: sequences of numbers as `array.array` of the type code of the field,
         arrays of fixed length as `numpy.ndarray`. They become parts of the message.
     """
-    message = message_type.__new__(message_type)
-    if "_check_fields" in message_type.__slots__:
-        message._check_fields = False
+    message = _maker(message_type)()
     for name, value in fields.items():
         setattr(message, f"_{name}", value)
     return message
+
+
+@functools.cache
+def _maker(message_type: Any) -> Callable[[], Any]:
+    """Return a function that makes a message without fields, whose fields nobody checks.
+
+    The constructor makes each part twice, as a default and as what is given, which takes five times
+    as long.
+    """
+    make = functools.partial(message_type.__new__, message_type)
+    if "_check_fields" not in message_type.__slots__:
+        return make
+
+    def make_unchecked() -> Any:
+        message = make()
+        message._check_fields = False
+        return message
+
+    return make_unchecked
 
 
 def _fields(message_type: Any, prefix: str = "") -> Iterator[_Field]:
@@ -313,14 +330,10 @@ def _builder(message_type: Any, index: int) -> tuple[Callable[[Sequence[Any]], A
             numbers.append((assign, index - 1))
         else:
             parts.append((assign, _content_builder(field, index - 1)))
-    # Without the constructor, which makes each part twice: as default and as what was given.
-    make = functools.partial(message_type.__new__, message_type)
-    checks = "_check_fields" in message_type.__slots__
+    make = _maker(message_type)
 
     def build(values: Sequence[Any]) -> Any:
         message = make()
-        if checks:
-            message._check_fields = False
         for assign, number in numbers:
             assign(message, values[number])
         for assign, build_part in parts:

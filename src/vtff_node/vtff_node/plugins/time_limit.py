@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import signal
 import threading
 
@@ -31,7 +30,8 @@ class time_limit:  # noqa: N801 - used as `with time_limit(...)`, like contextli
     def __enter__(self) -> None:
         """Set the alarm."""
         if threading.get_ident() == threading.main_thread().ident:
-            _install_handler()
+            if signal.getsignal(signal.SIGALRM) is not _interrupt:
+                signal.signal(signal.SIGALRM, _interrupt)
             time_limit.is_running = True
             signal.setitimer(signal.ITIMER_REAL, self._limit)
 
@@ -40,11 +40,6 @@ class time_limit:  # noqa: N801 - used as `with time_limit(...)`, like contextli
         if threading.get_ident() == threading.main_thread().ident:
             time_limit.is_running = False
             signal.setitimer(signal.ITIMER_REAL, 0.0)
-
-
-@functools.cache
-def _install_handler() -> None:
-    signal.signal(signal.SIGALRM, _interrupt)
 
 
 def _interrupt(*_: object) -> None:
