@@ -28,8 +28,8 @@ __all__ = [
 
 
 _ARRAYS_KEPT = 64
-#: Arrays of messages by the identity of what they were made of, which is kept too.
-_known_arrays: dict[int, tuple[Any, array.array[Any]]] = {}
+#: Arrays of messages by kind and identity of what they were made of, which is kept too.
+_known_arrays: dict[tuple[str, int], tuple[Any, array.array[Any]]] = {}
 
 
 def relative_state_to_message(solution: RelativeSolution, chief: str, deputy: str) -> RelativeState:
@@ -67,7 +67,7 @@ def ambiguities_to_message(solution: RelativeSolution, chief: str, deputy: str) 
         ambiguity_cycles=_column(table.ambiguity_cycles, np.float64),
         ambiguity_sigma_cycles=_column(table.ambiguity_sigma_cycles, np.float32),
         state=_column(table.state, np.uint8),
-        fixed_since=_kept(tuple(table.fixed_since), _seconds),
+        fixed_since=_kept(tuple(table.fixed_since), "times", _seconds),
         ratio=solution.ratio,
         success_rate=solution.success_rate,
         child_frame_id=deputy,
@@ -128,7 +128,7 @@ def _column(values: npt.ArrayLike, kind: type[np.generic]) -> array.array[Any]:
     Others look into memory that is not their own.
     """
     if isinstance(values, np.ndarray) and values.base is None and not values.flags.writeable:
-        return _kept(values, lambda column: _array(column, kind))
+        return _kept(values, kind.__name__, lambda column: _array(column, kind))
     return _array(values, kind)
 
 
@@ -137,13 +137,13 @@ def _array(values: npt.ArrayLike, kind: type[np.generic]) -> array.array[Any]:
     return array.array(column.dtype.char, column.tobytes())
 
 
-def _kept(values: Any, convert: Callable[[Any], array.array[Any]]) -> array.array[Any]:
+def _kept(values: Any, kind: str, convert: Callable[[Any], array.array[Any]]) -> array.array[Any]:
     """Return the array of values that do not change; the same one for the same object."""
-    known = _known_arrays.get(id(values))
+    known = _known_arrays.get((kind, id(values)))
     if known is None or known[0] is not values:
         if len(_known_arrays) >= _ARRAYS_KEPT:
             _known_arrays.clear()
-        known = _known_arrays[id(values)] = values, convert(values)
+        known = _known_arrays[kind, id(values)] = values, convert(values)
     return known[1]
 
 

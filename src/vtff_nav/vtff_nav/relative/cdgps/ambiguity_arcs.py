@@ -33,8 +33,6 @@ ARC_BREAKS = (
 )
 """Why arcs end, in the order of the numbers of `find_arc_breaks`."""
 
-_NO_SIGNALS = SignalSet()
-
 
 @dataclass(eq=False)
 class Arc:
@@ -156,7 +154,7 @@ class ArcBook:
         self._half_cycles = np.zeros(0, dtype=np.int64)
         self._is_parity_known = np.zeros(0, dtype=bool)
         self._epochs = np.zeros(0, dtype=np.int64)
-        self._columns: tuple[SignalSet, GaussianState, int, int, ArcColumns] | None = None
+        self._columns: tuple[SignalSet, object, int, ArcColumns] | None = None
         self._changes = 0
 
     def __contains__(self, key: SignalKey) -> bool:
@@ -329,13 +327,12 @@ class ArcBook:
         if (
             known is None
             or known[0] is not signals
-            or known[1] is not state
-            or known[2] != state.revision
-            or known[3] != self._changes
+            or known[1] is not state.labels_mark
+            or known[2] != self._changes
         ):
             columns = self._make_columns(signals, state)
-            known = self._columns = (signals, state, state.revision, self._changes, columns)
-        return known[4]
+            known = self._columns = (signals, state.labels_mark, self._changes, columns)
+        return known[3]
 
     def _make_columns(self, signals: SignalSet, state: GaussianState) -> ArcColumns:
         arcs = tuple(self.arcs[key] for key in signals)

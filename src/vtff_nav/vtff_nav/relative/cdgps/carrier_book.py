@@ -65,7 +65,7 @@ class CarrierBook:
         self._times = np.full(0, -1, dtype=np.int64)
         self._half_cycles = np.zeros(0, dtype=np.int64)
         self._lock_times = np.zeros((0, 2))
-        self._columns: tuple[bytes, bytes, GaussianState, int, CarrierColumns] | None = None
+        self._columns: tuple[bytes, bytes, object, CarrierColumns] | None = None
 
     def __len__(self) -> int:
         """Return the number of combinations that are known."""
@@ -81,8 +81,8 @@ class CarrierBook:
         known = self._columns
         names = (measured.satellite.tobytes(), measured.second_band.tobytes())
         if known is not None and known[:2] == names:
-            if known[2] is state and known[3] == state.revision:
-                return known[4]
+            if known[2] is state.labels_mark:
+                return known[3]
         satellites = measured.satellite.tolist()
         labels = [
             ("chief_ambiguity", satellite, band)
@@ -98,7 +98,7 @@ class CarrierBook:
             code_rows=code_rows,
             systems=np.array(sorted(set(measured.system.tolist())), dtype=np.int64),
         )
-        self._columns = (*names, state, state.revision, columns)
+        self._columns = (*names, state.labels_mark, columns)
         return columns
 
     def _place_of(self, label: CarrierLabel) -> int:

@@ -157,12 +157,12 @@ class Update:
 
 @dataclass(frozen=True, eq=False)
 class _MemberColumns:
-    """Columns of a state whose labels have a revision.
+    """Columns of a state.
 
     Parameters
     ----------
-    state : GaussianState
-    revision : int
+    labels_mark : object
+        `GaussianState.labels_mark` of the state.
     contents, gradients : ndarray of int64
         Contents of shells, each before its gradients, and these.
     changed : ndarray of int64
@@ -173,8 +173,7 @@ class _MemberColumns:
         Whether waves of the plasma, and the orbit of the chief, are members.
     """
 
-    state: GaussianState
-    revision: int
+    labels_mark: object
     contents: npt.NDArray[np.int64]
     gradients: npt.NDArray[np.int64]
     changed: npt.NDArray[np.int64]
@@ -365,13 +364,12 @@ class RelativeFilter:
     def _member_columns(self) -> _MemberColumns:
         """Return the columns of members by what they are; the same object while the labels stay."""
         state, known = self.state, self._known_columns
-        if known is not None and known.state is state and known.revision == state.revision:
+        if known is not None and known.labels_mark is state.labels_mark:
             return known
         shells = state.column_numbers("plasma_shell")
         contents = shells[::3].copy()
         self._known_columns = _MemberColumns(
-            state=state,
-            revision=state.revision,
+            labels_mark=state.labels_mark,
             contents=contents,
             gradients=np.array([c for c in shells if c not in contents], dtype=np.int64),
             changed=np.concatenate((np.arange(DYNAMIC_STATES), contents)),

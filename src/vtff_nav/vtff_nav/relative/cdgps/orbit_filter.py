@@ -106,7 +106,6 @@ class AbsoluteFilter:
         self.clock = 0.0
         self._last_point: SinglePoint | None = None
         self._carriers = CarrierBook()
-        self._motion: tuple[GaussianState, int, slice] | None = None
         self._failures = self._updates = 0
         self._range_sigma = self._configuration.ephemeris_sigma
         # Whether range errors are biases of codes alone.
@@ -144,12 +143,9 @@ class AbsoluteFilter:
     @property
     def motion(self) -> slice:
         """Columns of position, velocity and empirical acceleration."""
-        state, known = self.state, self._motion
-        assert state is not None
-        if known is None or known[0] is not state or known[1] != state.revision:
-            first = state.index(CHIEF_MOTION[0])
-            known = self._motion = state, state.revision, slice(first, first + DYNAMIC_STATES)
-        return known[2]
+        assert self.state is not None
+        first = self.state.index(CHIEF_MOTION[0])
+        return slice(first, first + DYNAMIC_STATES)
 
     def part_from_relative(self) -> None:
         """Have a state of its own again, that of the chief out of one that holds others too."""

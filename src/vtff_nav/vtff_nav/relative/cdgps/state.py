@@ -157,15 +157,18 @@ class GaussianState:
         self, labels: Sequence[Label], mean: npt.ArrayLike, covariance: npt.ArrayLike
     ) -> None:
         self.labels = list(labels)
-        #: Changes whenever the labels do.
-        self.revision = 0
         self.mean: FloatArray = np.array(mean, dtype=float)
         self.covariance: FloatArray = np.array(covariance, dtype=float)
         self._number_labels()
 
     def _number_labels(self) -> None:
-        self.revision += 1
         self._index_of = {label: index for index, label in enumerate(self.labels)}
+        self._forget_columns()
+
+    def _forget_columns(self) -> None:
+        """Forget what follows from the labels, which have changed."""
+        #: Another object whenever the labels are others, in this state or in another one.
+        self.labels_mark = object()
         self._columns_of: dict[tuple[str, ...], list[int]] = {}
         self._numbers_of: dict[tuple[str, ...], npt.NDArray[np.int64]] = {}
 
@@ -234,9 +237,7 @@ class GaussianState:
         self.mean = np.append(self.mean, mean)
         self.labels.append(label)
         self._index_of[label] = size
-        self._columns_of.clear()
-        self._numbers_of.clear()
-        self.revision += 1
+        self._forget_columns()
 
     def add_copy(self, label: Label, original: Label, offset: float) -> None:
         """Add a member that is another one and a constant."""

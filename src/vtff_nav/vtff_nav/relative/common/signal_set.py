@@ -53,7 +53,7 @@ class SignalSet(tuple[SignalKey, ...]):
 
     @functools.cached_property
     def distinct_satellites(self) -> frozenset[tuple[int, int]]:
-        """The satellites."""
+        """System and number of each satellite, once."""
         return frozenset(self.satellites)
 
     @functools.cached_property
@@ -69,7 +69,7 @@ class SignalSet(tuple[SignalKey, ...]):
 
     @functools.cached_property
     def ordered_satellites(self) -> tuple[tuple[int, int], ...]:
-        """The satellites, in increasing order."""
+        """System and number of each satellite, once, in increasing order."""
         return tuple(sorted(self.distinct_satellites))
 
     @functools.cached_property
@@ -116,7 +116,7 @@ def with_places(
         Values by `SignalSet.places`; it is returned as it is, if it is long enough.
     signals : SignalSet
     value : float
-        What new places hold.
+        Number that new places hold.
     """
     missing = signals.largest_place + 1 - column.shape[-1]
     if missing <= 0:

@@ -340,14 +340,15 @@ def mean_of_combinations(  # type: ignore[no-untyped-def]
         numbers[0, n], numbers[1, n] = code[n], code_sigma[n]
         numbers[2, n], numbers[3, n] = phase[n], phase_sigma[n]
     predicted = np.empty((2, pairs))
+    for k in range(pairs):
+        column = columns[of_chief[k]]
+        for receiver in range(2):
+            predicted[receiver, k] = ranges[receiver, column] - clocks[receiver, column]
     values, sigmas = np.empty(pairs), np.empty(pairs)
     values_deputy, sigmas_deputy = np.empty(pairs), np.empty(pairs)
     for kind in range(2):
         for k in range(pairs):
             a, b = of_chief[k], of_deputy[k]
-            for receiver in range(2):
-                column = columns[a]
-                predicted[receiver, k] = ranges[receiver, column] - clocks[receiver, column]
             values[k], sigmas[k] = numbers[2 * kind, a], numbers[2 * kind + 1, a]
             if kind == 0:
                 values_deputy[k], sigmas_deputy[k] = code_deputy[b], code_sigma_deputy[b]

@@ -208,8 +208,8 @@ def ratios_of_means(epochs, interval, correlation_time):  # type: ignore[no-unty
 
 
 @compiled
-def equivalent_variances(white, slow_variance, epochs, ratios, decay, largest_factor):  # type: ignore[no-untyped-def]
-    """Return `white_equivalent_variance`.
+def equivalent_variances(white, slow_variance, epochs, ratios, decay, largest_slow):  # type: ignore[no-untyped-def]
+    """Return the variances of white noise that is worth as much as white and slow noise.
 
     Parameters
     ----------
@@ -219,8 +219,8 @@ def equivalent_variances(white, slow_variance, epochs, ratios, decay, largest_fa
     epochs : ndarray of int, shape (n,)
     ratios, decay : ndarray, shape (2, n)
         See `ratios_of_means`, and exp(-ratios) - 1.
-    largest_factor : float
-        Variances are at most those of the white component and so many of the slow one.
+    largest_slow : float
+        Most by which a variance exceeds that of the white component, m2.
     """
     variances = np.empty(len(white))
     for n in range(len(white)):
@@ -234,7 +234,7 @@ def equivalent_variances(white, slow_variance, epochs, ratios, decay, largest_fa
             known = max(max(count - row, 1.0), 1e-9)
             information = 1.0 / (slow_variance * shared + white[n] / known)
             gained = information if row == 0 else gained - information
-        largest = white[n] + largest_factor
+        largest = white[n] + largest_slow
         variances[n] = max(1.0 / max(gained, 1.0 / largest), white[n])
     return variances
 
