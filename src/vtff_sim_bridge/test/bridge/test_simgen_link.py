@@ -150,3 +150,44 @@ def test_steps_without_a_reply_are_sent_again(start_emulator, caplog):
     assert times == [second * 1_000_000_000 for second in range(1, 8)]
     link.stop()
     relay.close()
+
+
+def test_a_motion_that_cannot_be_computed_has_no_step_sent_twice(start_emulator):
+    machine = (emulator := start_emulator(clock_mode="lockstep")).machine
+    client = SimRemoteClient("127.0.0.1", emulator.port, timeout=5.0)
+    link = SimGenLink(client, ["chief", "deputy"], 5.0, steps_together=3)
+    link.start("leo.scn", GpsTime.from_week_tow(1889, 90000.0), 600, MOTIONS)
+    times: list[int] = []
+    machine.observers.append(times.append)
+
+    def fail() -> dict[str, np.ndarray]:
+        raise ValueError("no motion")
+
+    link.send(1.0, MOTIONS)
+    link.send(2.0, MOTIONS)
+    with pytest.raises(ValueError, match="no motion"):
+        link.send(3.0, fail)
+    for second in range(4, 8):
+        link.send(float(second), MOTIONS)
+    link.complete()
+    assert times == [second * 1_000_000_000 for second in range(4, 8)]
+    link.stop()
+
+
+def test_motion_is_computed_while_simgen_works(start_emulator):
+    """What waits is computed before the replies to the packet before are awaited."""
+    emulator = start_emulator(clock_mode="lockstep")
+    client = SimRemoteClient("127.0.0.1", emulator.port, timeout=5.0)
+    link = SimGenLink(client, ["chief", "deputy"], 5.0, steps_together=2)
+    link.start("leo.scn", GpsTime.from_week_tow(1889, 90000.0), 600, MOTIONS)
+    unanswered: list[int] = []
+
+    def compute() -> dict[str, np.ndarray]:
+        unanswered.append(client.counters.sent - client.counters.replies)
+        return MOTIONS
+
+    for second in range(1, 6):
+        link.send(float(second), compute)
+    link.complete()
+    assert unanswered == [0, 0, 4, 4, 4]
+    link.stop()

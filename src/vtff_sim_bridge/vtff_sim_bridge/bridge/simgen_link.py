@@ -147,6 +147,7 @@ class SimGenLink:
         """
         self._waiting.append((time, motions))
         if len(self._unsent) + len(self._waiting) >= self._steps_together:
+            self._compute_waiting()
             self._receive_all()
             self._send_all()
 
@@ -169,19 +170,28 @@ class SimGenLink:
         SimRemoteError
             As in `send` and `receive`.
         """
+        self._compute_waiting()
         self._receive_all()
         self._send_all()
         self._receive_all()
 
+    def _compute_waiting(self) -> None:
+        """Compute the steps that wait, while SimGEN is still busy with those before.
+
+        Where one cannot be computed, none of them is sent, at that time or later.
+        """
+        waiting, self._waiting = self._waiting, []
+        self._unsent += [self._commands(*each) for each in waiting]
+
+    def _commands(self, time: float, motions: Motions | Callable[[], Motions]) -> _Step:
+        """Return the motion of the vehicles at a time."""
+        computed = motions() if callable(motions) else motions
+        return time, [
+            (self._vehicles[name], motion_state(motion)) for name, motion in computed.items()
+        ]
+
     def _send_all(self) -> None:
-        steps = self._unsent
-        for time, motions in self._waiting:
-            computed = motions() if callable(motions) else motions
-            commands = [
-                (self._vehicles[name], motion_state(each)) for name, each in computed.items()
-            ]
-            steps.append((time, commands))
-        self._unsent, self._waiting = [], []
+        steps, self._unsent = self._unsent, []
         if not steps:
             return
         for attempt in range(2):
@@ -193,13 +203,6 @@ class SimGenLink:
                 return
             except SimRemoteConnectionError as error:
                 self._note_lost_connection(error, final=attempt > 0)
-
-    def _commands(self, time: float, motions: Motions | Callable[[], Motions]) -> _Step:
-        """Return the motion of the vehicles at a time."""
-        computed = motions() if callable(motions) else motions
-        return time, [
-            (self._vehicles[name], motion_state(motion)) for name, motion in computed.items()
-        ]
 
     def _receive_all(self) -> None:
         awaited, self._awaited_replies = self._awaited_replies, 0
