@@ -185,7 +185,7 @@ class ForceModel:
             )
         if self.is_gravity_alone:
             return total
-        return total + self._perturbation(time, state_gcrf)
+        return total + self._perturbation(time, state_gcrf, rotation_to_itrf)
 
     def jerk(self, state_gcrf: FloatArray) -> FloatArray:
         """Return the jerk by gravity in GCRF, m/s3, shape (3,).
@@ -200,7 +200,9 @@ class ForceModel:
         """
         return gravity_jerk(state_gcrf, j2=0.0 if self.gravity == "two_body" else J2_EARTH)
 
-    def _perturbation(self, time: GpsTime, state_gcrf: FloatArray) -> FloatArray:
+    def _perturbation(
+        self, time: GpsTime, state_gcrf: FloatArray, rotation_to_itrf: FloatArray | None
+    ) -> FloatArray:
         """Return the acceleration by drag, radiation and third bodies, m/s2, shape (3,)."""
         epoch = time.to_brahe_epoch()
         total = np.zeros(3)
@@ -221,19 +223,26 @@ class ForceModel:
                 _SOLAR_PRESSURE,
             )
         if self.drag is not None:
-            total += self._drag(time, epoch, state_gcrf)
+            total += self._drag(time, epoch, state_gcrf, rotation_to_itrf)
         return total
 
-    def _drag(self, time: GpsTime, epoch: Any, state_gcrf: FloatArray) -> FloatArray:
+    def _drag(
+        self,
+        time: GpsTime,
+        epoch: Any,
+        state_gcrf: FloatArray,
+        rotation_to_itrf: FloatArray | None,
+    ) -> FloatArray:
         """Return the acceleration by drag, m/s2, shape (3,)."""
+        to_true_of_date = brahe.bias_precession_nutation(epoch)
         if self.drag == "harris_priester":
-            to_true_of_date = brahe.bias_precession_nutation(epoch)
             density = brahe.density_harris_priester(
                 to_true_of_date @ state_gcrf[:3], to_true_of_date @ brahe.sun_position(epoch)
             )
         else:
-            to_true_of_date = brahe.bias_precession_nutation(epoch)
-            density = brahe.density_nrlmsise00(epoch, rotation_gcrf_to_itrf(time) @ state_gcrf[:3])
+            if rotation_to_itrf is None:
+                rotation_to_itrf = rotation_gcrf_to_itrf(time)
+            density = brahe.density_nrlmsise00(epoch, rotation_to_itrf @ state_gcrf[:3])
         return np.asarray(
             brahe.accel_drag(
                 state_gcrf,
