@@ -14,17 +14,22 @@ import numpy.typing as npt
 
 from vtff_dynamics.compiled import compiled
 from vtff_dynamics.vectors import FloatArray
-from vtff_sim_bridge.noise.random_streams import EPOCHS_PER_SECOND, Effect, generator
+from vtff_sim_bridge.noise.random_streams import (
+    BLOCK_EPOCHS,
+    BLOCK_SECONDS,
+    EPOCHS_PER_SECOND,
+    Effect,
+    EpochField,
+    generator,
+)
 
 __all__ = ["GaussMarkovField", "SlowGaussMarkov"]
 
-_BLOCK_SECONDS = 64
-_BLOCK_EPOCHS = _BLOCK_SECONDS * EPOCHS_PER_SECOND
 _KNOTS_PER_CORRELATION_TIME = 24
 _BLOCK_KNOTS = 64
 
 
-class GaussMarkovField:
+class GaussMarkovField(EpochField):
     """Processes of unit variance at the 20 epochs of every second, one for each address.
 
     The autocorrelation is ``exp(-|t| / correlation_time)`` from the start of the run on.
@@ -48,40 +53,19 @@ class GaussMarkovField:
         addresses: Sequence[tuple[int, ...]],
         correlation_time: float,
     ) -> None:
-        self._seed = seed
-        self._effect = effect
-        self._addresses = addresses
+        super().__init__(seed, effect, addresses)
         self._decay = math.exp(-1.0 / (EPOCHS_PER_SECOND * correlation_time))
         self._gain = math.sqrt(1.0 - self._decay**2)
-        self._numbers: FloatArray = np.zeros((_BLOCK_SECONDS, len(addresses), EPOCHS_PER_SECOND))
-        self._block = np.full(len(addresses), -1, dtype=np.int64)
-        self._last_rows: npt.NDArray[np.intp] | None = None
-        self._last_block = -1
 
-    def second(self, second: int, rows: npt.NDArray[np.intp]) -> FloatArray:
-        """Return processes in a second of the run, shape (20, number of rows)."""
-        return np.asarray(self.of_all_links(second, rows)[rows].T)
-
-    def of_all_links(self, second: int, rows: npt.NDArray[np.intp]) -> FloatArray:
-        """Return a view of the processes in a second, shape (addresses, 20); `rows` are true."""
-        block, within = divmod(second, _BLOCK_SECONDS)
-        if rows is not self._last_rows or block != self._last_block:
-            self._last_rows, self._last_block = rows, block
-            for row in rows[self._block[rows] != block].tolist():
-                self._go_to_block(row, block)
-        return np.asarray(self._numbers[within])
-
-    def _go_to_block(self, row: int, block: int) -> None:
-        """Compute the processes of a block from those of the blocks before."""
-        if block < self._block[row]:
-            self._block[row] = -1
-        for number in range(int(self._block[row]) + 1, block + 1):
-            stream = generator(self._seed, self._effect, *self._addresses[row], number)
+    def _fill(self, row: int, block: int) -> None:
+        """Compute the process of a block from that of the blocks before."""
+        known = int(self._block[row])
+        for number in range(known + 1 if known < block else 0, block + 1):
+            stream = self._stream(row, number)
             before = self._numbers[-1, row, -1] if number else stream.standard_normal()
-            draws = stream.standard_normal((_BLOCK_EPOCHS, 1))
+            draws = stream.standard_normal((BLOCK_EPOCHS, 1))
             _continue_processes(draws, np.array([before]), self._decay, self._gain)
-            self._numbers[:, row] = draws.reshape(_BLOCK_SECONDS, EPOCHS_PER_SECOND)
-        self._block[row] = block
+            self._numbers[:, row] = draws.reshape(BLOCK_SECONDS, EPOCHS_PER_SECOND)
 
 
 class SlowGaussMarkov:

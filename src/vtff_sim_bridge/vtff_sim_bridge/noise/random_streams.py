@@ -7,6 +7,7 @@ leaves all others as they are.
 
 from __future__ import annotations
 
+import abc
 import enum
 import zlib
 from collections.abc import Sequence
@@ -18,9 +19,12 @@ from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
 from vtff_dynamics.vectors import FloatArray
 
 __all__ = [
+    "BLOCK_EPOCHS",
+    "BLOCK_SECONDS",
     "EPOCHS_PER_SECOND",
     "EPOCH_NANOSECONDS",
     "Effect",
+    "EpochField",
     "NoiseField",
     "generator",
     "receiver_number",
@@ -29,10 +33,11 @@ __all__ = [
 EPOCHS_PER_SECOND = 20
 """Rate at which receivers measure."""
 EPOCH_NANOSECONDS = NANOSECONDS_PER_SECOND // EPOCHS_PER_SECOND
+BLOCK_SECONDS = 64
+"""Time for which an `EpochField` draws at once, s."""
+BLOCK_EPOCHS = BLOCK_SECONDS * EPOCHS_PER_SECOND
 
 _LARGEST_WORD = 2**32 - 1
-_BLOCK_SECONDS = 64
-_BLOCK_EPOCHS = _BLOCK_SECONDS * EPOCHS_PER_SECOND
 
 
 class Effect(enum.IntEnum):
@@ -82,40 +87,58 @@ def generator(seed: int, effect: Effect, *address: int) -> np.random.Generator:
     return np.random.default_rng(np.random.SeedSequence(words))  # type: ignore[arg-type]
 
 
-class NoiseField:
-    """White noise of unit variance of all links of a receiver, 20 numbers a second.
+class EpochField(abc.ABC):
+    """Random numbers at the 20 epochs of every second, for some addresses.
+
+    They are drawn for 64 s at once when they are asked for.
 
     Parameters
     ----------
     seed : int
         Seed of the run.
     effect : Effect
-        Effect that the noise stands for.
+        Effect that the numbers stand for.
     addresses : sequence of tuple of int
-        Address of each link: receiver, system, satellite, band, attribute.
+        Address of each row, as of a link: receiver, system, satellite, band, attribute.
     """
 
     def __init__(self, seed: int, effect: Effect, addresses: Sequence[tuple[int, ...]]) -> None:
         self._seed = seed
         self._effect = effect
         self._addresses = addresses
-        self._numbers: FloatArray = np.zeros((_BLOCK_SECONDS, len(addresses), EPOCHS_PER_SECOND))
+        self._numbers: FloatArray = np.zeros((BLOCK_SECONDS, len(addresses), EPOCHS_PER_SECOND))
+        #: Block of each row of the numbers; -1 before the first.
         self._block = np.full(len(addresses), -1, dtype=np.int64)
         self._last_rows: npt.NDArray[np.intp] | None = None
         self._last_block = -1
 
     def second(self, second: int, rows: npt.NDArray[np.intp]) -> FloatArray:
-        """Return the noise of links in a second of the run, shape (20, number of rows)."""
+        """Return the numbers of rows in a second of the run, shape (20, number of rows)."""
         return np.asarray(self.of_all_links(second, rows)[rows].T)
 
     def of_all_links(self, second: int, rows: npt.NDArray[np.intp]) -> FloatArray:
-        """Return a view of the noise in a second, shape (links, 20); only `rows` are true."""
-        block, within = divmod(second, _BLOCK_SECONDS)
+        """Return a view of the numbers in a second, shape (addresses, 20); only `rows` are true."""
+        block, within = divmod(second, BLOCK_SECONDS)
         if rows is not self._last_rows or block != self._last_block:
             self._last_rows, self._last_block = rows, block
             for row in rows[self._block[rows] != block].tolist():
-                stream = generator(self._seed, self._effect, *self._addresses[row], block)
-                drawn = stream.standard_normal(_BLOCK_EPOCHS)
-                self._numbers[:, row] = drawn.reshape(_BLOCK_SECONDS, EPOCHS_PER_SECOND)
+                self._fill(row, block)
                 self._block[row] = block
         return np.asarray(self._numbers[within])
+
+    @abc.abstractmethod
+    def _fill(self, row: int, block: int) -> None:
+        """Fill in the numbers of a row in a block."""
+
+    def _stream(self, row: int, block: int) -> np.random.Generator:
+        """Return the generator of a row in a block."""
+        return generator(self._seed, self._effect, *self._addresses[row], block)
+
+
+class NoiseField(EpochField):
+    """White noise of unit variance."""
+
+    def _fill(self, row: int, block: int) -> None:
+        """Draw the noise of a block."""
+        drawn = self._stream(row, block).standard_normal(BLOCK_EPOCHS)
+        self._numbers[:, row] = drawn.reshape(BLOCK_SECONDS, EPOCHS_PER_SECOND)

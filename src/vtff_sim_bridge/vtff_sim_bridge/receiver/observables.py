@@ -18,6 +18,7 @@ from vtff_sim_bridge.noise.gauss_markov import GaussMarkovField
 from vtff_sim_bridge.noise.random_streams import (
     EPOCHS_PER_SECOND,
     Effect,
+    EpochField,
     NoiseField,
     generator,
 )
@@ -104,7 +105,7 @@ class MeasurementNoise:
         self._model = model
         self._fixed: Sigmas | None = None
         addresses = link_addresses(links, receiver)
-        self._fields: dict[Effect, NoiseField | GaussMarkovField] = {
+        self._fields: dict[Effect, EpochField] = {
             effect: NoiseField(seed, effect, addresses) for effect in _NOISE_EFFECTS
         }
         if model.is_coloured:
