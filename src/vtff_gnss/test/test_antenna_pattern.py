@@ -2,24 +2,32 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 
-from vtff_gnss.antenna_pattern import ParabolicPattern
+from vtff_gnss.antenna_pattern import ParabolicPattern, parabolic_gain_db
+
+
+def gains_db(pattern: ParabolicPattern, off_boresight) -> np.ndarray:
+    """Return the gains at angles from boresight, rad."""
+    settings = dataclasses.astuple(pattern)
+    return np.array([parabolic_gain_db(float(angle), *settings) for angle in off_boresight])
 
 
 def test_half_power_is_half_the_beamwidth_off_boresight():
     pattern = ParabolicPattern(3.0, np.radians(80.0), 25.0)
-    gains = pattern.gain_db([0.0, np.radians(40.0), np.radians(80.0), np.pi])
+    gains = gains_db(pattern, [0.0, np.radians(40.0), np.radians(80.0), np.pi])
     assert gains == pytest.approx([3.0, 0.0, -9.0, -22.0])
 
 
 def test_default_is_a_hemispherical_patch():
-    gains = ParabolicPattern().gain_db(np.radians([0.0, 90.0, 180.0]))
+    gains = gains_db(ParabolicPattern(), np.radians([0.0, 90.0, 180.0]))
     assert gains[0] == 5.0
     assert -4.5 < gains[1] < -3.5
     assert gains[2] == -15.0
-    assert np.all(np.diff(ParabolicPattern().gain_db(np.linspace(0, np.pi, 50))) <= 0.0)
+    assert np.all(np.diff(gains_db(ParabolicPattern(), np.linspace(0, np.pi, 50))) <= 0.0)
 
 
 @pytest.mark.parametrize(

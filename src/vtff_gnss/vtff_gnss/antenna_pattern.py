@@ -5,11 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import numpy as np
-import numpy.typing as npt
-
 from vtff_dynamics.compiled import compiled
-from vtff_dynamics.vectors import FloatArray
 
 __all__ = ["ParabolicPattern", "parabolic_gain_db"]
 
@@ -49,17 +45,11 @@ class ParabolicPattern:
         if not self.front_to_back_db >= 0.0:
             raise ValueError(f"front_to_back_db {self.front_to_back_db}: must not be negative")
 
-    def gain_db(self, off_boresight: npt.ArrayLike) -> FloatArray:
-        """Return the gain in dB at angles from boresight in rad, same shape."""
-        ratio = np.asarray(off_boresight, dtype=float) / self.half_power_beamwidth
-        attenuation = np.minimum(12.0 * ratio**2, self.front_to_back_db)
-        return np.asarray(self.boresight_gain_db - attenuation)
-
 
 @compiled
 def parabolic_gain_db(  # type: ignore[no-untyped-def]
     off_boresight, boresight_gain_db, half_power_beamwidth, front_to_back_db
 ):
-    """Return what `ParabolicPattern.gain_db` does, of one angle, for compiled code."""
+    """Return the gain in dB of a `ParabolicPattern` at an angle from boresight in rad."""
     ratio = off_boresight / half_power_beamwidth
     return boresight_gain_db - min(12.0 * (ratio * ratio), front_to_back_db)

@@ -10,7 +10,6 @@ from scipy.integrate import quad
 
 from vtff_dynamics.constants import WGS84_SEMI_MAJOR_AXIS
 from vtff_dynamics.frames.geodetic import geodetic_from_itrf, itrf_from_geodetic
-from vtff_gnss.constants import FREQUENCY_L1, FREQUENCY_L2
 from vtff_sim_bridge.atmosphere.density_models import (
     ChapmanLayer,
     bubble_profile,
@@ -22,7 +21,6 @@ from vtff_sim_bridge.atmosphere.electron_density import ElectronDensityProfile
 from vtff_sim_bridge.atmosphere.slant_tec import (
     ALTITUDE_MODELS,
     SlantTecIntegrator,
-    group_delay,
 )
 
 RADIUS = WGS84_SEMI_MAJOR_AXIS
@@ -201,13 +199,6 @@ def test_ellipsoidal_altitude_is_geodetic_height():
         error = np.abs(integrator.altitude(position) - geodetic_from_itrf(position)[:, 2])
         assert error[near_equator].max() < 25.0
         assert error.max() < 750.0
-
-
-def test_group_delay():
-    delay = group_delay(10.0, [FREQUENCY_L1, FREQUENCY_L2])
-    # 9.51775 TECU for a metre between L1 and L2; 0.1624 m per TECU on L1.
-    assert 10.0 / (delay[1] - delay[0]) == pytest.approx(9.51775, rel=1e-5)
-    assert delay[0] == pytest.approx(1.624, abs=1e-3)
 
 
 def test_wrong_arguments_are_refused():

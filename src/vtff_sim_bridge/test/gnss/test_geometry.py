@@ -124,6 +124,19 @@ def test_pseudorange_has_clock_and_group_delay(free_run, motions):
     assert checked >= 16
 
 
+def test_group_delay_of_the_ionosphere(free_run):
+    signals = free_run.measurements("chief").signals
+    plan, content = signals.plan, np.full(signals.slant_tec_tecu.shape, 10.0)
+    receiver = free_run.set.receivers["chief"].configuration
+    _, code, phase = plan.levels_and_delays(signals.line_of_sight, content, receiver)
+    delay = [code[:, plan.frequency == each] for each in (c.FREQUENCY_L1, c.FREQUENCY_L2)]
+    # 9.51775 TECU for a metre between L1 and L2; 0.1624 m per TECU on L1.
+    assert 10.0 / (delay[1].min() - delay[0].max()) == pytest.approx(9.51775, rel=1e-5)
+    assert 10.0 / (delay[1].max() - delay[0].min()) == pytest.approx(9.51775, rel=1e-5)
+    assert delay[0] == pytest.approx(1.624, abs=1e-3)
+    assert np.array_equal(phase, -code)
+
+
 def test_doppler_is_the_rate_of_the_phase(free_run):
     epochs = free_run.epochs("chief")
     for before, epoch in zip(epochs[100:120], epochs[101:121], strict=True):

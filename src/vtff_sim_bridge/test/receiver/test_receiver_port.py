@@ -82,14 +82,16 @@ def exchange(port: ReceiverPort, read, is_complete) -> bytes:
 
 def test_commands_through_a_pseudo_terminal(make_port, tmp_path):
     port = make_port()
-    assert (tmp_path / "receiver").is_symlink() and port.is_plugged and not port.has_client
+    assert (tmp_path / "receiver").is_symlink() and port.is_plugged
+    port.send(b"nobody hears this")
+    assert port.unheard_bytes == 17
     client = Client(tmp_path / "receiver")
-    assert port.has_client
     client.write(b"UNLOGALL\r\nLOG RANGEB ONTIME 1\r\n")
     assert exchange(port, client.read, lambda c: len(c) >= 2 * len(OK)) == 2 * OK
     port.send(b"\x00\x03\x04\x0a\x0d\x11\x13\x1a\x7f\xff")
     content = exchange(port, client.read, lambda c: len(c) >= 10)
     assert content == b"\x00\x03\x04\x0a\x0d\x11\x13\x1a\x7f\xff"
+    assert port.unheard_bytes == 17
     client.close()
 
 
@@ -148,7 +150,6 @@ def test_the_client_may_close_and_come_back(make_port, tmp_path):
         port.send(b"x" * 100)
         client.close()
         port.process()
-        assert not port.has_client
         before = port.unheard_bytes
         port.send(b"nobody hears this")
         assert port.unheard_bytes == before + 17

@@ -23,7 +23,7 @@ import numpy.typing as npt
 
 from vtff_dynamics.constants import WGS84_FLATTENING, WGS84_SEMI_MAJOR_AXIS
 from vtff_dynamics.vectors import FloatArray
-from vtff_gnss.constants import ELECTRONS_PER_TECU, IONOSPHERIC_DELAY_CONSTANT
+from vtff_gnss.constants import ELECTRONS_PER_TECU
 from vtff_sim_bridge.atmosphere.electron_density import MOMENT_LENGTH, ElectronDensityProfile
 from vtff_sim_bridge.atmosphere.slant_tec_kernels import (
     cell_edges,
@@ -36,7 +36,6 @@ from vtff_sim_bridge.atmosphere.slant_tec_kernels import (
 __all__ = [
     "ALTITUDE_MODELS",
     "SlantTecIntegrator",
-    "group_delay",
 ]
 
 ALTITUDE_MODELS = ("ellipsoidal", "spherical")
@@ -45,17 +44,6 @@ ALTITUDE_MODELS = ("ellipsoidal", "spherical")
 # Chebyshev nodes of a cell [-1, 1], and the matrix that turns moments into weights at them.
 _NODES = np.cos(np.pi * (2.0 * np.arange(4) + 1.0) / 8.0)
 _WEIGHTS_FROM_MOMENTS = np.linalg.inv(np.vander(_NODES, increasing=True).T)
-
-
-def group_delay(stec_tecu: npt.ArrayLike, frequency: npt.ArrayLike) -> FloatArray:
-    """Return by how much a pseudorange is longer, m, for slant TEC (TECU) at a frequency (Hz).
-
-    References
-    ----------
-    IERS Conventions (2010), eq. (9.27), first order.
-    """
-    per_tecu = IONOSPHERIC_DELAY_CONSTANT * ELECTRONS_PER_TECU
-    return np.asarray(per_tecu * np.asarray(stec_tecu) / np.asarray(frequency) ** 2)
 
 
 class SlantTecIntegrator:

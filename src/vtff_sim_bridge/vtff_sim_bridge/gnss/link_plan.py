@@ -301,8 +301,11 @@ def _levels_and_delays(  # type: ignore[no-untyped-def]
 ):
     """Return C/N0 and delays of links, see `LinkPlan.levels_and_delays`.
 
-    Distances (m), angles from boresight (rad) and contents (TECU) have shape (k, n). The delays are
-    those of `atmosphere.slant_tec.group_delay`.
+    Distances (m), angles from boresight (rad) and contents (TECU) have shape (k, n).
+
+    References
+    ----------
+    IERS Conventions (2010), eq. (9.27), first order.
     """
     epochs, satellites = distance.shape
     links = len(satellite)

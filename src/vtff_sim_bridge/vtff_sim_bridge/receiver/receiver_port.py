@@ -188,11 +188,6 @@ class ReceiverPort:
         return self._terminal is not None
 
     @property
-    def has_client(self) -> bool:
-        """Whether anybody listens."""
-        return bool(self._clients) or (self._terminal is not None and self._terminal.has_client)
-
-    @property
     def pending_bytes(self) -> int:
         """Bytes that wait for the slowest client."""
         pending = [len(waiting) for _, waiting in self._clients.values()]
