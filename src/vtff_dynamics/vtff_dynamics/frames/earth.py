@@ -30,7 +30,6 @@ from vtff_dynamics.vectors import FloatArray, cross, skew
 __all__ = [
     "EarthMotion",
     "EarthMotionSeries",
-    "earth_motions",
     "earth_rotation_angle",
     "kinematics_itrf",
     "right_ascension_from_longitude",
@@ -154,7 +153,7 @@ class EarthMotion(NamedTuple):
     kinematics: FloatArray
 
 
-def earth_motions(times: Sequence[GpsTime]) -> list[EarthMotion]:
+def _earth_motions(times: Sequence[GpsTime]) -> list[EarthMotion]:
     """Return how the Earth turns at some times; all arrays are read-only.
 
     With R(t) = exp(-S t) R(0), S the skew matrix of a constant angular velocity, Leibniz' rule
@@ -165,7 +164,8 @@ def earth_motions(times: Sequence[GpsTime]) -> list[EarthMotion]:
     polar_motions = np.array([brahe.polar_motion(epoch) for epoch in epochs])
     celestial_poles = np.array([brahe.bias_precession_nutation(epoch) for epoch in epochs])
     rotations = polar_motions @ np.array([_turn(time) for time in times]) @ celestial_poles
-    minus_skew = -_skews(EARTH_ROTATION_RATE * polar_motions[:, :, 2])
+    angular_velocities = EARTH_ROTATION_RATE * polar_motions[:, :, 2]
+    minus_skew = -np.array([skew(vector) for vector in angular_velocities])
     powers = [rotations]
     for _ in range(3):
         powers.append(minus_skew @ powers[-1])
@@ -176,15 +176,6 @@ def earth_motions(times: Sequence[GpsTime]) -> list[EarthMotion]:
             matrices[:, 3 * n : 3 * n + 3, column : column + 3] = math.comb(n, k) * powers[k]
     rotations.flags.writeable = matrices.flags.writeable = False
     return list(map(EarthMotion, rotations, matrices))
-
-
-def _skews(vectors: FloatArray) -> FloatArray:
-    """Return the matrices `vtff_dynamics.vectors.skew` of n vectors, shape (n, 3, 3)."""
-    x, y, z = vectors.T
-    matrices = np.zeros((len(vectors), 3, 3))
-    matrices[:, 0, 1], matrices[:, 0, 2], matrices[:, 1, 2] = -z, y, -x
-    matrices[:, 1, 0], matrices[:, 2, 0], matrices[:, 2, 1] = z, -y, x
-    return matrices
 
 
 class EarthMotionSeries:
@@ -208,7 +199,7 @@ class EarthMotionSeries:
         motion = self._motions.get(time.nanoseconds)
         if motion is None:
             times = [GpsTime(time.nanoseconds + k * self._step) for k in range(self.LENGTH)]
-            motions = zip(times, earth_motions(times), strict=True)
+            motions = zip(times, _earth_motions(times), strict=True)
             self._motions = {each.nanoseconds: motion for each, motion in motions}
             motion = self._motions[time.nanoseconds]
         return motion
@@ -216,7 +207,8 @@ class EarthMotionSeries:
 
 @functools.lru_cache(maxsize=_CACHED_EPOCHS)
 def _earth_motion(time: GpsTime) -> EarthMotion:
-    (motion,) = earth_motions([time])
+    """Return how the Earth turns at one time, for `kinematics_itrf`."""
+    (motion,) = _earth_motions([time])
     return motion
 
 
@@ -229,7 +221,8 @@ def kinematics_itrf(
 ) -> FloatArray:
     """Return position, velocity, acceleration and jerk as seen in the rotating ITRF.
 
-    The rotation is computed once per `time` and shared by all spacecraft.
+    The rotation is computed once per `time` and shared by all spacecraft. Only tests call this
+    function; a simulation takes the matrices of `EarthMotionSeries`.
 
     Parameters
     ----------

@@ -143,12 +143,16 @@ class Propagator:
     def acceleration_gcrf(self) -> FloatArray:
         """Return the acceleration by the force model at the current state, m/s2, shape (3,).
 
-        Thrust is not included: the caller knows what it is going to apply.
+        Thrust is not included: the caller knows what it is going to apply. Only tests call this
+        method; a simulation asks the force model.
         """
         return self._force_model.acceleration(self.time, self._state_gcrf)
 
     def jerk_gcrf(self) -> FloatArray:
-        """Return the jerk by gravity at the current state, m/s3, shape (3,)."""
+        """Return the jerk by gravity at the current state, m/s3, shape (3,).
+
+        Only tests call this method; a simulation asks the force model.
+        """
         return self._force_model.jerk(self._state_gcrf)
 
     def _new_brahe_propagator(self) -> Any:

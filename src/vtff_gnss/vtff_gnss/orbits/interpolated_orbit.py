@@ -90,6 +90,9 @@ class InterpolatedOrbits:
     def states(self, time: GpsTime, offset: npt.ArrayLike) -> SatelliteStates:
         """Return orbit and clock of all satellites at ``time + offset``.
 
+        Only tests call this method, also through `lines_of_sight`: the reference of
+        `vtff_gnss.orbits.line_of_sight.rays_of_epochs`.
+
         Parameters
         ----------
         time : GpsTime
