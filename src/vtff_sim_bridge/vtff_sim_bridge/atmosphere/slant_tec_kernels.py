@@ -17,6 +17,8 @@ __all__ = ["cell_edges", "centred_moments", "ray_geometry", "ray_kernel", "rise_
 _NEAREST = 5e3
 _NEAREST_PER_ALTITUDE = 0.01
 _CELL_RATIO = 1.25
+# Moments are divided by half the width of a cell, which is none where a ray begins at the top.
+_NARROWEST_HALF = 1e-3  # m
 
 
 @compiled
@@ -147,6 +149,12 @@ def cell_edges(altitude, nearest, top):  # type: ignore[no-untyped-def]
 
 
 @compiled
+def _cell(low, high):  # type: ignore[no-untyped-def]
+    """Return the centre of a cell between two altitudes and half its width, m."""
+    return 0.5 * (high + low), max(0.5 * (high - low), _NARROWEST_HALF)
+
+
+@compiled
 def centred_moments(cumulative, edges, peak, unit):  # type: ignore[no-untyped-def]
     """Return moments 0 to 3 of the density about the centres of cells, in half widths, (m, c, 4).
 
@@ -163,8 +171,7 @@ def centred_moments(cumulative, edges, peak, unit):  # type: ignore[no-untyped-d
     moments = np.empty((count, cells, 4))
     for k in range(count):
         for j in range(cells):
-            low, high = edges[k, j], edges[k, j + 1]
-            centre, half = 0.5 * (high + low), max(0.5 * (high - low), 1e-3)
+            centre, half = _cell(edges[k, j], edges[k, j + 1])
             # Binomial theorem.
             shift, scale = (peak - centre) / half, unit / half
             m0 = cumulative[k, j + 1, 0] - cumulative[k, j, 0]
@@ -214,8 +221,7 @@ def ray_kernel(edges, weights, nodes, radius, start, radius_zero):  # type: igno
     for k in range(count):
         r = radius[k, 0]
         for j in range(cells):
-            low, high = edges[k, j], edges[k, j + 1]
-            centre, half = 0.5 * (high + low), max(0.5 * (high - low), 1e-3)
+            centre, half = _cell(edges[k, j], edges[k, j + 1])
             for i in range(4):
                 rise = centre + half * nodes[i] + (radius_zero - r)
                 # r'^2 - p^2 = s^2 + (r' - r)(r' + r)
