@@ -62,6 +62,11 @@ def _axes_and_rates(
     return np.array(axes), rate_r, rate_n
 
 
+def _velocity_of_axes(rate_r: float, rate_n: float, x: float, y: float, z: float) -> _Row:
+    """Return the cross product of the rates (rate_r, 0, rate_n) and a position in RTN, m/s."""
+    return 0.0 * z - rate_n * y, rate_n * x - rate_r * z, rate_r * y - 0.0 * x
+
+
 def angular_velocity_rtn(
     state_gcrf: npt.ArrayLike, acceleration_gcrf: npt.ArrayLike | None = None
 ) -> FloatArray:
@@ -122,17 +127,8 @@ def relative_state_rtn(
     rotation, rate_r, rate_n = _axes_and_rates(chief, acceleration_chief_gcrf)
     x, y, z = (rotation @ difference[:3]).tolist()
     vx, vy, vz = (rotation @ difference[3:]).tolist()
-    # Less the cross product of the rates (rate_r, 0, rate_n) and the position.
-    return np.array(
-        [
-            x,
-            y,
-            z,
-            vx - (0.0 * z - rate_n * y),
-            vy - (rate_n * x - rate_r * z),
-            vz - (rate_r * y - 0.0 * x),
-        ]
-    )
+    turned_x, turned_y, turned_z = _velocity_of_axes(rate_r, rate_n, x, y, z)
+    return np.array([x, y, z, vx - turned_x, vy - turned_y, vz - turned_z])
 
 
 def deputy_state_gcrf(
@@ -160,12 +156,8 @@ def deputy_state_gcrf(
     x, y, z, vx, vy, vz = np.asarray(relative_state, dtype=float).tolist()
     rotation, rate_r, rate_n = _axes_and_rates(chief, acceleration_chief_gcrf)
     to_gcrf = rotation.T
-    # The velocity and the cross product of the rates (rate_r, 0, rate_n) and the position.
-    velocity = (
-        vx + (0.0 * z - rate_n * y),
-        vy + (rate_n * x - rate_r * z),
-        vz + (rate_r * y - 0.0 * x),
-    )
+    turned_x, turned_y, turned_z = _velocity_of_axes(rate_r, rate_n, x, y, z)
+    velocity = (vx + turned_x, vy + turned_y, vz + turned_z)
     deputy: FloatArray = chief + np.concatenate(
         (to_gcrf @ np.array([x, y, z]), to_gcrf @ np.array(velocity))
     )
