@@ -10,11 +10,15 @@ from formation_drawing import START, DrawnFormation, layer
 from formation_simulation import mean_density
 
 from vtff_dynamics.constants import SPEED_OF_LIGHT
+from vtff_gnss.constants import SYSTEM_GPS
 from vtff_gnss.orbits.ephemeris_selection import EphemerisStore
-from vtff_gnss.signals import carrier_frequency_hz
+from vtff_gnss.signals import SignalKey, carrier_frequency_hz
 from vtff_iono.density import constant_check
 from vtff_iono.density.constant_check import ConstantCheck
+from vtff_iono.density.electron_density import DensitySettings
+from vtff_iono.density.formation_density import FormationDensity, _LinkMeans
 from vtff_iono.density.integer_resolution import IntegerResolver
+from vtff_iono.density.phase_stretches import LinkSignals, PhaseStretch
 from vtff_iono.edges.vertical_edges import VerticalEdgeFinder
 from vtff_iono.formation_ionosphere import FormationIonosphere
 from vtff_iono.geometry.satellite_geometry import satellite_geometry
@@ -285,3 +289,31 @@ def test_fluctuations_that_have_ended_do_not_make_densities_unsure():
     fast_sigma = {second: density.epoch.fast_sigma for second, density in densities.items()}
     before = np.mean([fast_sigma[second] for second in range(15, 24)])
     assert max(fast_sigma[second] for second in range(33, int(DURATION))) < 0.3 * before
+
+
+def test_each_link_of_a_satellite_adds_to_the_memory_of_its_fluctuation():
+    """A satellite has two links in a second, the first of which alone fluctuates."""
+
+    def means(*scatters):
+        """Return means of links of one satellite with scatters in TECU^2."""
+        signals = [
+            LinkSignals(
+                *(SignalKey(SYSTEM_GPS, 7, int(code[0]), ord(code[1])) for code in ("1C", second))
+            )
+            for second in ("2W", "2L")
+        ]
+        stretches = [
+            PhaseStretch(number, of_link, (1, 1), (1, 1), (0.0, 0.0))
+            for number, of_link in enumerate(signals)
+        ]
+        columns = np.zeros((8, 2))
+        columns[2] = scatters
+        return _LinkMeans(stretches, np.full(2, 20), columns)
+
+    def sigma_of_quiet(first_scatter):
+        """Return the sigma of a quiet second after one in which the first link fluctuated."""
+        density = FormationDensity(DensitySettings(), (1, 2), 0.001)
+        density._sigma(means(first_scatter, 0.0))
+        return density._sigma(means(0.0, 0.0))
+
+    assert (sigma_of_quiet(1.0) > 10.0 * sigma_of_quiet(0.0)).all()

@@ -684,10 +684,11 @@ class FormationDensity:
         """
         white, excess = self._noise_and_excess(means)
         # One second alone may be quiet by chance, so that the seconds before it count too.
-        of_second = dict(zip(means.prns, excess.tolist(), strict=True))
-        for prn, value in of_second.items():
+        of_second: dict[int, float] = {}
+        for prn, value in zip(means.prns, excess.tolist(), strict=True):
             mean = self._excess.get(prn, value)
             self._excess[prn] = mean + (value - mean) / _SCATTER_MEMORY
+            of_second[prn] = value
         self._recent_excess.append(of_second)
         left = self._fluctuation_left()
         remembered = [left * self._excess[prn] for prn in means.prns]
