@@ -18,6 +18,7 @@ from vtff_iono.density.constant_check import ConstantCheck
 from vtff_iono.density.electron_density import DensitySettings
 from vtff_iono.density.formation_density import FormationDensity, _LinkMeans
 from vtff_iono.density.integer_resolution import IntegerResolver
+from vtff_iono.density.phase_differences import DEVIATION_SQUARED
 from vtff_iono.density.phase_stretches import LinkSignals, PhaseStretch
 from vtff_iono.edges.vertical_edges import VerticalEdgeFinder
 from vtff_iono.formation_ionosphere import FormationIonosphere
@@ -307,7 +308,7 @@ def test_each_link_of_a_satellite_adds_to_the_memory_of_its_fluctuation():
             for number, of_link in enumerate(signals)
         ]
         columns = np.zeros((8, 2))
-        columns[2] = scatters
+        columns[DEVIATION_SQUARED] = scatters
         return _LinkMeans(stretches, np.full(2, 20), columns)
 
     def sigma_of_quiet(first_scatter):

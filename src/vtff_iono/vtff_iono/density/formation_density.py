@@ -39,6 +39,14 @@ from vtff_iono.density.electron_density import (
 from vtff_iono.density.integer_datum import IntegerDatum
 from vtff_iono.density.integer_resolution import FloatingContent, IntegerResolver
 from vtff_iono.density.phase_differences import (
+    DEVIATION,
+    DEVIATION_SQUARED,
+    ELEVATION_CHIEF,
+    ELEVATION_DEPUTY,
+    GEOMETRIC,
+    STEC,
+    STEP_SQUARED,
+    WIDE_LANE,
     ReceiverSamples,
     phase_differences,
 )
@@ -153,27 +161,27 @@ class _LinkMeans:
     @property
     def stec(self) -> FloatArray:
         """Differential TEC, TECU, shape (n,)."""
-        return np.asarray(self.columns[0])
+        return np.asarray(self.columns[STEC])
 
     @property
     def wide_lane(self) -> FloatArray:
         """Wide lane of the single difference less its integers, cycles, shape (n,)."""
-        return np.asarray(self.columns[4])
+        return np.asarray(self.columns[WIDE_LANE])
 
     @property
     def geometric(self) -> FloatArray:
         """Wide lane of the phases less that of the ranges, less its integers, cycles, (n,)."""
-        return np.asarray(self.columns[5])
+        return np.asarray(self.columns[GEOMETRIC])
 
     @property
     def elevation_chief(self) -> FloatArray:
         """Elevations at the chief, rad, shape (n,)."""
-        return np.asarray(self.columns[6])
+        return np.asarray(self.columns[ELEVATION_CHIEF])
 
     @property
     def elevation_deputy(self) -> FloatArray:
         """Elevations at the deputy, rad, shape (n,)."""
-        return np.asarray(self.columns[7])
+        return np.asarray(self.columns[ELEVATION_DEPUTY])
 
     def select(self, chosen: npt.NDArray[np.bool_]) -> _LinkMeans:
         """Return the chosen links."""
@@ -194,13 +202,12 @@ class _LinkMeans:
     @functools.cached_property
     def step_variance(self) -> FloatArray:
         """Variance that the changes from sample to sample show, TECU^2, shape (n,)."""
-        return np.asarray(0.5 * self.columns[3])
+        return np.asarray(0.5 * self.columns[STEP_SQUARED])
 
     @functools.cached_property
     def scatter(self) -> FloatArray:
         """Variance of the contents within the second, TECU^2, shape (n,)."""
-        deviation, deviation_squared = self.columns[1:3]
-        return np.asarray(deviation_squared - deviation**2)
+        return np.asarray(self.columns[DEVIATION_SQUARED] - self.columns[DEVIATION] ** 2)
 
     @functools.cached_property
     def has_integers(self) -> npt.NDArray[np.bool_]:
@@ -214,9 +221,9 @@ class _LinkMeans:
         is_row = np.arange(len(stretches)) == row
         wide_lane = np.where(is_row, integers[0] - integers[1], 0.0)
         columns = self.columns.copy()
-        columns[0] -= np.where(is_row, content, 0.0)
-        columns[4] -= wide_lane
-        columns[5] -= wide_lane
+        columns[STEC] -= np.where(is_row, content, 0.0)
+        columns[WIDE_LANE] -= wide_lane
+        columns[GEOMETRIC] -= wide_lane
         return _LinkMeans(stretches, self.samples, columns)
 
 
@@ -287,7 +294,7 @@ class FormationDensity:
         # What relative navigation has fixed in that second.
         self._offered: Mapping[SignalKey, float] = {}
         # Sigma of the difference of two receivers and two signals at one epoch, TECU.
-        self._sample_sigma = 2.0 * carrier_phase_sigma * tecu_per_metre(*self._frequencies)
+        self._sample_sigma = 2.0 * carrier_phase_sigma * self._tecu_per_metre
         # Variance that scintillation adds to the samples of each satellite, TECU^2, by PRN.
         self._excess: dict[int, float] = {}
         # What each of the last seconds alone shows of that variance.
@@ -999,17 +1006,16 @@ class FormationDensity:
             for row, stretch in enumerate(means.stretches)
             if stretch.has_integers and math.isfinite(shown[row] + sigma[row])
         ]
-        fluctuating = [row for row in rows if self._excess[means.prns[row]] > 0.0]
-        if not fluctuating or len(rows) < _FEWEST_WITNESSES:
+        fluctuates = np.array([self._excess[means.prns[row]] > 0.0 for row in rows], dtype=bool)
+        if not fluctuates.any() or len(rows) < _FEWEST_WITNESSES:
             return
         values = np.array([shown[row] for row in rows])
         weights = 1.0 / self._resolver.geometric_variance(sigma[rows], self._relative_sigma_cycles)
-        chosen = np.array([self._excess[means.prns[row]] > 0.0 for row in rows])
         squares = weights * (values - weights @ values / weights.sum()) ** 2
         # All that fluctuate do so alike. The clock has taken a part of their errors.
-        expected = len(fluctuating) - float(weights[chosen].sum() / weights.sum())
-        ratio = float(squares[chosen].sum()) / max(expected, 0.5)
-        sigma[fluctuating] *= math.sqrt(max(ratio, 1.0))
+        expected = np.count_nonzero(fluctuates) - float(weights[fluctuates].sum() / weights.sum())
+        ratio = float(squares[fluctuates].sum()) / max(expected, 0.5)
+        sigma[np.array(rows)[fluctuates]] *= math.sqrt(max(ratio, 1.0))
 
     def _clock(
         self, means: _LinkMeans, rows: npt.NDArray[np.intp], sigma: FloatArray

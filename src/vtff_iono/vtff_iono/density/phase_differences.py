@@ -11,19 +11,24 @@ from vtff_dynamics.compiled import compiled
 from vtff_dynamics.vectors import FloatArray
 from vtff_iono.density.common_samples import IntArray, squared_steps
 
-__all__ = ["DIFFERENCE_COLUMNS", "ReceiverSamples", "phase_differences"]
+__all__ = [
+    "DEVIATION",
+    "DEVIATION_SQUARED",
+    "ELEVATION_CHIEF",
+    "ELEVATION_DEPUTY",
+    "GEOMETRIC",
+    "STEC",
+    "STEP_SQUARED",
+    "WIDE_LANE",
+    "ReceiverSamples",
+    "phase_differences",
+]
 
-DIFFERENCE_COLUMNS = (
-    "stec",
-    "deviation",
-    "deviation_squared",
-    "step_squared",
-    "wide_lane",
-    "geometric",
-    "elevation_chief",
-    "elevation_deputy",
-)
-"""Names of the columns of `phase_differences`."""
+STEC, DEVIATION, DEVIATION_SQUARED, STEP_SQUARED = range(4)
+WIDE_LANE, GEOMETRIC, ELEVATION_CHIEF, ELEVATION_DEPUTY = range(4, 8)
+"""Columns of `phase_differences`."""
+
+_COLUMNS = 8
 
 
 class ReceiverSamples(NamedTuple):
@@ -85,10 +90,10 @@ def phase_differences(  # type: ignore[no-untyped-def]
     Returns
     -------
     ndarray, shape (n, 8)
-        The columns are `DIFFERENCE_COLUMNS`: content, TECU, its deviation from the origin, TECU,
-        the square of that, the square of its change from sample to sample, TECU^2, wide lane of
-        codes and phases less its integers, cycles, wide lane of the phases less that of the ranges
-        and less its integers, cycles, and the elevations at both spacecraft, rad.
+        The columns are, from `STEC` on, content, TECU, its deviation from the origin, TECU, the
+        square of that, the square of its change from sample to sample, TECU^2, wide lane of codes
+        and phases less its integers, cycles, wide lane of the phases less that of the ranges and
+        less its integers, cycles, and the elevations at both spacecraft, rad.
     """
     count = len(link)
     first, second = np.empty(count), np.empty(count)
@@ -107,7 +112,7 @@ def phase_differences(  # type: ignore[no-untyped-def]
     for number in range(len(origin_of_link)):
         if not math.isfinite(origin_of_link[number]):
             origin_of_link[number] = first_content[number]
-    result = np.empty((count, 8))
+    result = np.empty((count, _COLUMNS))
     for row in range(count):
         of_chief, of_deputy, number = row_chief[row], row_deputy[row], link[row]
         integer = integers_of_link[number, 0] - integers_of_link[number, 1]
@@ -115,12 +120,12 @@ def phase_differences(  # type: ignore[no-untyped-def]
         ranges -= chief.range[chief.row_first[of_chief]]
         deviation = stec[row] - origin_of_link[number]
         geometric = first[row] - second[row] - wide_lanes_per_metre * ranges - integer
-        result[row, 0] = stec[row]
-        result[row, 1] = deviation
-        result[row, 2] = deviation * deviation
-        result[row, 3] = steps[row]
-        result[row, 4] = deputy.wide_lane[of_deputy] - chief.wide_lane[of_chief] - integer
-        result[row, 5] = geometric
-        result[row, 6] = chief.elevation[of_chief]
-        result[row, 7] = deputy.elevation[of_deputy]
+        result[row, STEC] = stec[row]
+        result[row, DEVIATION] = deviation
+        result[row, DEVIATION_SQUARED] = deviation * deviation
+        result[row, STEP_SQUARED] = steps[row]
+        result[row, WIDE_LANE] = deputy.wide_lane[of_deputy] - chief.wide_lane[of_chief] - integer
+        result[row, GEOMETRIC] = geometric
+        result[row, ELEVATION_CHIEF] = chief.elevation[of_chief]
+        result[row, ELEVATION_DEPUTY] = deputy.elevation[of_deputy]
     return result

@@ -123,9 +123,8 @@ class ExceedanceDetector:
             edges += self.flush()
         self._last_time = time
         if not (self._is_inside or value > self._threshold):
-            # As a rule nothing has begun.
+            # Outside an event a sample below the threshold only moves the window on.
             self._recent.append(_NOTHING)
-            self._samples_below += 1
             return edges
         sample = _Sample(time, value, value > self._threshold)
         self._recent.append(sample)
