@@ -1,4 +1,4 @@
-"""Compiled design of the contents of a second: what they change with, and what is modelled of them.
+"""Compiled design of a second: derivatives with respect to the state, and modelled contents.
 
 The equation of the contents, and what its states are, is that of
 `vtff_iono.density.electron_density`.
@@ -11,17 +11,14 @@ import numpy as np
 from vtff_dynamics.compiled import compiled
 from vtff_dynamics.constants import WGS84_SEMI_MAJOR_AXIS
 from vtff_gnss.constants import ELECTRONS_PER_TECU
-from vtff_iono.bias.running_profile import CONSTANT, SIZE, mean_between, means_of_samples
-from vtff_iono.density.kernels import COMMON, DENSITY
+from vtff_iono.bias.running_profile import CONSTANT, SHAPE, SIZE, mean_between, means_of_samples
+from vtff_iono.density.kernels import CHANGE, COMMON, DENSITY, FIRST_SHAPE, SHAPE_NUMBERS
 from vtff_iono.geometry.mapping import contents_of_rays
 
-__all__ = ["CHANGE", "FIRST_SHAPE", "content_design", "vertical_design"]
+__all__ = ["content_design", "vertical_design"]
 
-FIRST_SHAPE, CHANGE = 3, 6
-"""Places of the first of the three numbers of the shape of the layer, and of c, in the state."""
-
-# Rows of the shape in `RunningProfile.densities`.
-_SHAPE_ROW, _SHAPE_NUMBERS = 2, 3
+# First row of the shape in `RunningProfile.densities`.
+_SHAPE_ROW: int = SHAPE.start
 _DENSITIES = 6
 
 
@@ -34,7 +31,7 @@ def _set_layer_design(design, contents, size):  # type: ignore[no-untyped-def]
     design[0], design[1] = contents[CONSTANT], contents[SIZE]
     design[DENSITY] = 0.0
     # What is not measured is the model, its shape changed, times 1 + a.
-    for number in range(_SHAPE_NUMBERS):
+    for number in range(SHAPE_NUMBERS):
         design[FIRST_SHAPE + number] = (1.0 + size) * contents[_SHAPE_ROW + number]
     design[CHANGE] = contents[0]
 

@@ -45,16 +45,24 @@ from vtff_dynamics.vectors import FloatArray
 from vtff_gnss.constants import ELECTRONS_PER_TECU
 from vtff_iono.bias.running_profile import RunningProfile
 from vtff_iono.density import kernels
-from vtff_iono.density.content_design import CHANGE, FIRST_SHAPE, content_design, vertical_design
-from vtff_iono.density.kernels import COMMON, DENSITY, WITHOUT_PAST
+from vtff_iono.density.content_design import content_design, vertical_design
+from vtff_iono.density.kernels import (
+    CHANGE,
+    COMMON,
+    DENSITY,
+    FIRST_SHAPE,
+    LAYER,
+    SHAPE_NUMBERS,
+    WITHOUT_PAST,
+)
 from vtff_iono.density.slow_errors import SlowErrors
 from vtff_iono.geometry.satellite_geometry import ELEVATION_MASK_DEG
 
 __all__ = ["DensityEpoch", "DensitySettings", "ElectronDensityEstimator", "compile_kernels"]
 
 # Places of the shape of the layer in the state, and those of all that describes the layer.
-_SHAPE = slice(FIRST_SHAPE, FIRST_SHAPE + 3)
-_LAYER = np.array([1, *range(FIRST_SHAPE, FIRST_SHAPE + 3), CHANGE])
+_SHAPE = slice(FIRST_SHAPE, FIRST_SHAPE + SHAPE_NUMBERS)
+_LAYER = np.array(LAYER)
 # Cosine of the elevation of the zenith.
 _COSINE_OF_ZENITH = np.cos(np.array([0.5 * math.pi]))
 # Sigma of the shape of the layer, in its units, and of c, of which only the contents tell.

@@ -16,8 +16,12 @@ import numpy as np
 from vtff_dynamics.compiled import compiled
 
 __all__ = [
+    "CHANGE",
     "COMMON",
     "DENSITY",
+    "FIRST_SHAPE",
+    "LAYER",
+    "SHAPE_NUMBERS",
     "WITHOUT_PAST",
     "compare",
     "correct",
@@ -38,11 +42,14 @@ COMMON = 7
 DENSITY = 2
 """Place of the density in the state."""
 
+FIRST_SHAPE, SHAPE_NUMBERS, CHANGE = 3, 3, 6
+"""Place of the first number of the shape of the layer, how many there are, and place of c."""
+
+LAYER = (1, *range(FIRST_SHAPE, FIRST_SHAPE + SHAPE_NUMBERS), CHANGE)
+"""Places of the states that describe the layer, all but b and the density."""
+
 WITHOUT_PAST = 3
 """How many common states have no past at first."""
-
-# States that describe the layer, all but b and the density.
-_LAYER = (1, 3, 4, 5, 6)
 
 # The columns of a design are not independent where a pivot is smaller than this part of the
 # largest one.
@@ -156,16 +163,16 @@ def predict(  # type: ignore[no-untyped-def]
     density_variance : float
         Variance of the density, which is new at each epoch.
     """
-    known = np.empty(len(_LAYER))
-    for number in range(len(_LAYER)):
-        known[number] = covariance[_LAYER[number], _LAYER[number]]
+    known = np.empty(len(LAYER))
+    for number in range(len(LAYER)):
+        known[number] = covariance[LAYER[number], LAYER[number]]
     of_layer = scale_of_learned(ratio, known, first_variance)
     scale = np.full(COMMON + 1, math.sqrt(ratio))
-    for number in range(len(_LAYER)):
-        scale[_LAYER[number]] = of_layer[number]
+    for number in range(len(LAYER)):
+        scale[LAYER[number]] = of_layer[number]
     pass_time(state, covariance, scale, decay, gained)
-    for number in range(len(_LAYER)):
-        place = _LAYER[number]
+    for number in range(len(LAYER)):
+        place = LAYER[number]
         if covariance[place, place] > first_variance[number]:
             covariance[place, place] = first_variance[number]
     forget_density(state, covariance, density_variance)
