@@ -6,7 +6,14 @@ import math
 
 import numpy as np
 import pytest
-from formation_simulation import NOISE_ONE_SECOND, chapman, fly, mean_density, plumex_like
+from formation_simulation import (
+    NOISE_ONE_SECOND,
+    RADIUS,
+    chapman,
+    fly,
+    mean_density,
+    plumex_like,
+)
 from link_simulation import START
 
 from vtff_dynamics.frames.geodetic import itrf_from_geodetic
@@ -21,6 +28,7 @@ from vtff_iono.density.density_profile import (
 )
 from vtff_iono.density.differential_tec import SecondAverage, differential_stec, horizontal_sigma
 from vtff_iono.density.electron_density import DensitySettings, ElectronDensityEstimator
+from vtff_iono.geometry.mapping import profile_content
 
 CM3 = 1e6
 BIAS = 3.7
@@ -347,7 +355,7 @@ def test_the_sigma_contains_the_noise_of_the_mapping():
     profile = RunningProfile()
     profile.resize(20.0 / profile.content_above(400e3))
     contents = [
-        profile.slant_contents(elevation, altitude)[0]
+        profile_content(elevation, RADIUS + altitude, profile.altitude, profile.density)
         for elevation, altitude in ((chief, 400e3), (deputy, 401e3))
     ]
     geometric = contents[1] - contents[0]

@@ -133,24 +133,10 @@ class RunningProfile:
         radius = WGS84_SEMI_MAJOR_AXIS + altitude
         return float(profile_content(0.5 * np.pi, radius, self.altitude, self.density))
 
-    def slant_contents(self, elevation: FloatArray, altitude: float) -> FloatArray:
-        """Return the contents of rays from an altitude (m) at elevations (rad), TECU, (6, ...).
-
-        They are those of each of `densities`.
-        """
-        radius = WGS84_SEMI_MAJOR_AXIS + altitude
-        return profile_content(elevation, radius, self.altitude, self.densities())
-
     def mean_density(self, altitude_first: float, altitude_second: float) -> float:
         """Return the mean density between two altitudes (m), electrons per cubic metre."""
         low, high = sorted((altitude_first, altitude_second))
         return float(mean_between(low, high, self.altitude, self.density))
-
-    def mean_derivatives(self, altitude_first: float, altitude_second: float) -> FloatArray:
-        """Return the means of the derivatives of `densities` between two altitudes (m), (5,)."""
-        low, high = sorted((altitude_first, altitude_second))
-        means: FloatArray = means_of_samples(low, high, self.altitude, self.densities()[1:])
-        return means
 
     def resize(self, factor: float) -> None:
         """Multiply the modelled densities by a factor."""
