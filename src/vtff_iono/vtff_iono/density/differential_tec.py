@@ -9,10 +9,11 @@ import numpy as np
 import numpy.typing as npt
 
 from vtff_dynamics.compiled import compiled
-from vtff_dynamics.constants import NANOSECONDS_PER_SECOND, SPEED_OF_LIGHT
+from vtff_dynamics.constants import SPEED_OF_LIGHT
 from vtff_dynamics.frames.geodetic import rotation_itrf_to_enu
 from vtff_dynamics.vectors import FloatArray
 from vtff_iono.links.geometry_free import tecu_per_metre
+from vtff_iono.links.windows import WindowBuffer
 
 __all__ = [
     "SecondAverage",
@@ -21,8 +22,6 @@ __all__ = [
     "differential_stec",
     "horizontal_sigma",
 ]
-
-IntArray = npt.NDArray[np.int64]
 
 
 def differential_stec(
@@ -108,9 +107,7 @@ class SecondAverage:
 
     def __init__(self, coverage_minimum: int = 1) -> None:
         self._coverage_minimum = coverage_minimum
-        # The second that is under way, s, and its rows so far: times, numbers and quantities.
-        self._second: int | None = None
-        self._rows: list[tuple[IntArray, IntArray, FloatArray]] = []
+        self._buffer = WindowBuffer(1.0)
 
     def update(
         self,
@@ -130,22 +127,12 @@ class SecondAverage:
         columns : ndarray, shape (n, m)
             Quantities; one that is NaN in a row makes the mean NaN.
         """
-        start = 0
-        while start < len(time):
-            second = int(time[start]) // NANOSECONDS_PER_SECOND
-            if self._second is not None and second != self._second:
-                yield self._means()
-            self._second = second
-            end = int(time.searchsorted((second + 1) * NANOSECONDS_PER_SECOND))
-            self._rows.append((time[start:end], number[start:end], columns[start:end]))
-            start = end
-
-    def _means(self) -> SecondMeans:
-        """Return the means of the second that is under way, and forget its rows."""
-        parts = zip(*self._rows, strict=True)
-        time, number, columns = (np.concatenate(part) for part in parts)
-        self._rows = []
-        return SecondMeans(*_means_by_number(time, number, columns, self._coverage_minimum))
+        for _, rows in self._buffer.update(time, {"number": number, "columns": columns}):
+            yield SecondMeans(
+                *_means_by_number(
+                    rows["time"], rows["number"], rows["columns"], self._coverage_minimum
+                )
+            )
 
 
 @compiled
