@@ -69,6 +69,7 @@ class SlowErrors:
         self.sigma = self._expected_sigma()
 
     def _expected_sigma(self) -> float:
+        """Return the sigma, TECU: root of the expected variance, known from few samples."""
         square = max(0.0, self._square) + self._first_weight * _FIRST_SIGMA**2
         weight = self._weight + self._first_weight
         # An exponential correlation makes of a time as many independent squares (Bartlett 1946).
@@ -81,6 +82,7 @@ class SlowErrors:
         return max(math.sqrt(variance), _SMALLEST_SIGMA)
 
     def _expected_time(self) -> float:
+        """Return the time after which the correlation is 1/e, s."""
         correlation = self._product / max(self._of_product, 1e-12)
         if not 0.0 < correlation < 1.0:
             return _SHORTEST_TIME if correlation <= 0.0 else _LONGEST_TIME

@@ -88,7 +88,7 @@ class SlowBasis:
         scaled = rows / self.relative
         return np.asarray(scaled - _combined(self.columns, _coefficients(self.columns, scaled)))
 
-    def whitening(self, sigma: FloatArray, variances: FloatArray) -> Whitening:
+    def whitening(self, sigma: FloatArray, variances: FloatArray) -> PairWhitening:
         """Return what makes rows whose noise has the covariance of one.
 
         Parameters
@@ -102,7 +102,7 @@ class SlowBasis:
         modes = part.shape[1] - self.unknown
         ratio = variances[:, :modes] / sigma[:, np.newaxis] ** 2
         part[:, self.unknown :] -= 1.0 / np.sqrt(1.0 + ratio)
-        return Whitening(self.columns, self.relative * sigma[:, np.newaxis], part)
+        return PairWhitening(self.columns, self.relative * sigma[:, np.newaxis], part)
 
     def modes(self, rows: FloatArray) -> FloatArray:
         """Return coefficients of degree 3 and more, shape (2, MOST_MODES); NaN without one."""
@@ -113,8 +113,8 @@ class SlowBasis:
 
 
 @dataclass(frozen=True, eq=False)
-class Whitening:
-    """Makes rows whose noise has the covariance of one.
+class PairWhitening:
+    """Makes pairs of rows whose noise has the covariance of one.
 
     Parameters
     ----------
@@ -299,7 +299,7 @@ class ContentNoise:
         return ContentNoise(slow, white, np.zeros((*white.shape, MOST_MODES)))
 
     @functools.cached_property
-    def whitenings(self) -> list[Whitening]:
+    def whitenings(self) -> list[PairWhitening]:
         """What makes D and M of each satellite such that their noise has the covariance of one."""
         return [
             slow.whitening(white, modes)
