@@ -19,7 +19,6 @@ Electron. Syst. 46, 1844, for slips in scintillation).
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 
 import numpy as np
 import numpy.typing as npt
@@ -60,8 +59,7 @@ class PhaseScatter:
 
     def __init__(self, is_orbital: bool = False) -> None:
         self._is_orbital = is_orbital
-        # Signals that are known, in the order in which they were first seen, and their places.
-        self._signals: dict[SignalKey, int] = {}
+        # Places of the signals that are known, in the order in which they were first seen.
         self._places = np.zeros(0, dtype=np.int64)
         # By place: see `learn_scatter`.
         self._seen_times = np.full(0, -1, dtype=np.int64)
@@ -97,8 +95,8 @@ class PhaseScatter:
 
     def variance(self, key: SignalKey) -> float:
         """Return the excess variance of the single-differenced phase of a signal, m2."""
-        place = self._signals.get(key)
-        return 0.0 if place is None else self._numbers.item(0, place)
+        place = place_of(key)
+        return self._numbers.item(0, place) if place < self._numbers.shape[1] else 0.0
 
     def variances(self, measured: SingleDifferences) -> FloatArray:
         """Return the excess variances of all phases, m2, shape (n,)."""
@@ -170,22 +168,17 @@ class PhaseScatter:
             self._numbers,
         )
         if new:
-            self._know_signals({**self._signals, **dict.fromkeys(signals, 0)})
+            self._places = np.append(
+                self._places, signals.places[~np.isin(signals.places, self._places)]
+            )
         forgotten, self._has_excess = forget_scatter(
             self._places, time.nanoseconds, _LONGEST_ABSENCE, self._seen_times, self._numbers
         )
         if forgotten:
-            self._know_signals(
-                key for key, place in self._signals.items() if self._seen_times[place] >= 0
-            )
+            self._places = self._places[self._seen_times[self._places] >= 0]
         if self._is_orbital and (self._has_excess or self._unseen > 0.0):
             self._expect_unseen(time)
         return {key: value for key, value in zip(signals, missing.tolist(), strict=True) if value}
-
-    def _know_signals(self, signals: Iterable[SignalKey]) -> None:
-        """Have signals and their places."""
-        self._signals = {key: place_of(key) for key in signals}
-        self._places = np.array(list(self._signals.values()), dtype=np.int64)
 
     def _expect_unseen(self, time: GpsTime) -> None:
         """Set the excess of signals whose own cannot be seen to the mean of the others."""
