@@ -136,7 +136,7 @@ class EpochTimes(Sequence[GpsTime]):
     Attributes
     ----------
     nanoseconds : list of int
-        The same.
+        GPS times, ns since 1980-01-06, as a list.
     """
 
     def __init__(self, nanoseconds: Sequence[int]) -> None:

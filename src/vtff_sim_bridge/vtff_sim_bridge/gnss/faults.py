@@ -144,11 +144,6 @@ class ByteFaults:
         self._receiver = receiver
         self.changed_bytes = 0
 
-    @property
-    def are_scheduled(self) -> bool:
-        """Whether bytes are changed at any time of the run."""
-        return bool(self._faults)
-
     def apply(self, content: bytes, epoch: int) -> bytes:
         """Return the bytes of an epoch that the faults leave, changed where they change them."""
         for number, fault in enumerate(self._faults):

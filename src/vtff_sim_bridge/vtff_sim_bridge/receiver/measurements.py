@@ -15,13 +15,7 @@ from vtff_sim_bridge.receiver.arriving_signals import ArrivingSignals
 from vtff_sim_bridge.receiver.observables import Observables
 from vtff_sim_bridge.receiver.tracking import Tracks
 
-__all__ = ["Measurements", "epoch_times"]
-
-
-def epoch_times(start: GpsTime, first: int, last: int) -> EpochTimes:
-    """Return the times of epochs `first` to `last` since the start of a run."""
-    begin, end = (start.nanoseconds + epoch * EPOCH_NANOSECONDS for epoch in (first, last + 1))
-    return EpochTimes(range(begin, end, EPOCH_NANOSECONDS))
+__all__ = ["Measurements"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,12 +49,18 @@ class Measurements:
     channel: npt.NDArray[np.uint8]
 
     @cached_property
+    def times(self) -> EpochTimes:
+        """Times of the epochs."""
+        begin = self.start.nanoseconds + self.first_epoch * EPOCH_NANOSECONDS
+        end = begin + self.signals.epoch_count * EPOCH_NANOSECONDS
+        return EpochTimes(range(begin, end, EPOCH_NANOSECONDS))
+
+    @cached_property
     def series(self) -> ObservationSeries:
         """Observations of all links, whether tracked or not, in full precision."""
         plan, observables, tracks = self.signals.plan, self.observables, self.tracks
-        last_epoch = self.first_epoch + self.signals.epoch_count - 1
         return ObservationSeries(
-            times=epoch_times(self.start, self.first_epoch, last_epoch),
+            times=self.times,
             time_status=self.time_status,
             receiver_status=0,
             log_name="RANGE",

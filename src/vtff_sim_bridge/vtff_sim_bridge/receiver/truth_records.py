@@ -51,16 +51,14 @@ def arc_record(arc: Arc) -> dict[str, Any]:
 def second_record(measured: Measurements, second: int) -> dict[str, Any]:
     """Return the state of a receiver and its signals at the last epoch of a second."""
     signals, columns = measured.signals, measured.tracked_satellites(-1)
-    slant_tec_tecu = signals.slant_tec_tecu[-1, columns]
-    rounded = np.concatenate((signals.position_itrf[-1], slant_tec_tecu)).round(6).tolist()
     names = signals.plan.satellite_names
     record = {
         "time": second,
-        "position_itrf": rounded[:3],
+        "position_itrf": signals.position_itrf[-1].round(6).tolist(),
         "clock_offset": float(signals.clock_offset[-1]),
         "clock_drift": float(signals.clock_drift[-1]),
         "satellites": [names[column] for column in columns],
-        "slant_tec_tecu": rounded[3:],
+        "slant_tec_tecu": signals.slant_tec_tecu[-1, columns].round(6).tolist(),
         "s4_l1": signals.s4_l1[-1, columns].round(4).tolist(),
     }
     if measured.observables.range_error is not None:

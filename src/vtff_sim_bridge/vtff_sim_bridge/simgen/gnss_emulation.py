@@ -31,7 +31,6 @@ from vtff_sim_bridge.noise.random_streams import (
     receiver_number,
 )
 from vtff_sim_bridge.receiver.measurement_engine import MeasurementEngine
-from vtff_sim_bridge.receiver.measurements import epoch_times
 from vtff_sim_bridge.receiver.receiver_firmware import ReceiverFirmware
 from vtff_sim_bridge.receiver.receiver_port import ReceiverPort
 from vtff_sim_bridge.receiver.truth_file import TruthFile
@@ -90,7 +89,6 @@ class ReceiverSet:
         truth.write(
             "run", name=configuration.name, seed=seed, start=start.isoformat(), end=end.isoformat()
         )
-        self._start = start
         self._emulated = emulated
         self._last_epoch = -1
         self._truth = truth
@@ -165,14 +163,12 @@ class ReceiverSet:
         antenna = None
         if receiver.configuration.has_antenna_geometry:
             antenna = receiver.configuration.lever_arm_body or (0.0, 0.0, 0.0)
-        receiver.measure(second, emitted, vehicle_track(motion, second, emitted, antenna))
+        track = vehicle_track(motion, second, emitted, antenna)
+        measured = receiver.measure(second, emitted, track)
         emulated, faults = self._emulated[name], self._byte_faults[name]
         emulated.time_status = receiver.time_status
-        contents = emulated.advance_epochs(epoch_times(self._start, first, last), receiver)
-        if faults.are_scheduled:
-            epochs = range(first, last + 1)
-            contents = [faults.apply(*pair) for pair in zip(contents, epochs, strict=True)]
-        return b"".join(contents)
+        contents = emulated.advance_epochs(measured.times, receiver)
+        return b"".join(map(faults.apply, contents, range(first, last + 1)))
 
 
 def compile_kernels(configuration: GnssConfiguration) -> None:
