@@ -64,7 +64,8 @@ def main() -> int:
     running = [
         subprocess.Popen([sys.executable, __file__, str(number)]) for number in range(len(SHARES))
     ]
-    return max(process.wait() for process in running)
+    # A process that a signal has ended has a negative code.
+    return int(any([process.wait() for process in running]))
 
 
 if __name__ == "__main__":

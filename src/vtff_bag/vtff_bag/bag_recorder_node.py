@@ -136,7 +136,7 @@ class BagRecorderNode(VtffNode):
         if now >= self._alive_next or self._recorder.stable != self._was_stable:
             self._alive_next = now + ALIVE_INTERVAL
             if self._recorder.stable and not self._was_stable:
-                self._timer.cancel()
+                self.destroy_timer(self._timer)
                 self._timer = self.create_timer(GATHER_LIMIT, self._tick, clock=self.steady_clock)
             self._was_stable = self._recorder.stable
             self.report_alive(self._recorder.stable)

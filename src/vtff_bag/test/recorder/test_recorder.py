@@ -20,7 +20,7 @@ from vtff_bag.file.recover import recover
 from vtff_bag.file.stamps import leading_stamp
 from vtff_bag.file.writer import BagWriter
 from vtff_bag.recorder.offered_qos import strongest_common
-from vtff_bag.recorder.recorder import Recorder
+from vtff_bag.recorder.recorder import GATHER_LIMIT, Recorder
 from vtff_bag.recorder.recording_rules import Acknowledger, GatherPace, ScenarioTime, TopicSelection
 
 SECOND = 10**9
@@ -145,6 +145,7 @@ class FakeNode:
     def __init__(self, topics):
         self.topics = dict(topics)
         self.nodes = {}
+        self.best_effort = set()  # topics whose publishers repeat nothing that was lost
         self.callbacks = {}
         self.subscriptions = {}
         self.warnings = []
@@ -157,9 +158,11 @@ class FakeNode:
 
     def get_publishers_info_by_topic(self, name):
         from rclpy.duration import Infinite
-        from rclpy.qos import QoSProfile
+        from rclpy.qos import QoSProfile, ReliabilityPolicy
 
         offer = QoSProfile(depth=10)
+        if name in self.best_effort:
+            offer.reliability = ReliabilityPolicy.BEST_EFFORT
         for part in ("deadline", "lifespan", "liveliness_lease_duration"):
             setattr(offer, part, Infinite)
         return [
@@ -176,6 +179,9 @@ class FakeNode:
         self.callbacks[topic] = callback
         self.subscriptions[topic] = FakeSubscription(callback)
         return self.subscriptions[topic]
+
+    def destroy_subscription(self, subscription):
+        subscription.waiting.clear()
 
     def get_fully_qualified_name(self):
         return "/bag_recorder"
@@ -315,6 +321,60 @@ def test_in_lockstep_messages_with_a_header_gather_until_they_are_acknowledged(
         ("/state", 102),
         ("/state", 102),
     ]
+
+
+def test_once_stable_each_tick_takes_what_has_gathered(tmp_path, monkeypatch):
+    """Ticks come one limit apart, and time passes within them."""
+    pytest.importorskip("rclpy")
+    now = [10.0]
+
+    def monotonic():
+        now[0] += 1e-4
+        return now[0]
+
+    monkeypatch.setattr("vtff_bag.recorder.recorder.time.monotonic", monotonic)
+    node = FakeNode(TOPICS)
+    acknowledger = Acknowledger(lambda stamp: recorder.flush(), 1)
+    recorder = Recorder(node, BagWriter(tmp_path / "bag"), TopicSelection(), acknowledger)
+    recorder.tick()
+    now[0] += 0.5
+    recorder.tick()
+    assert recorder.stable
+    for number in range(1, 6):
+        node.subscriptions["/state"].waiting.append(stamped(100))
+        now[0] = 11.0 + GATHER_LIMIT * number
+        recorder.tick()
+        assert recorder.received == number
+    # An acknowledgement between two ticks delays none.
+    now[0] += 0.5 * GATHER_LIMIT
+    node.callbacks["/clock"](stamped(100))
+    node.subscriptions["/state"].waiting.append(stamped(100))
+    now[0] += 0.5 * GATHER_LIMIT
+    recorder.tick()
+    assert recorder.received == 7
+
+
+@pytest.mark.parametrize("is_lockstep", [True, False])
+def test_what_waits_is_taken_before_a_topic_is_subscribed_again(tmp_path, is_lockstep):
+    pytest.importorskip("rclpy")
+    node = FakeNode(TOPICS)
+    writer = BagWriter(tmp_path / "bag")
+    acknowledger = Acknowledger(lambda stamp: None, 1) if is_lockstep else None
+    recorder = Recorder(node, writer, TopicSelection(), acknowledger)
+    recorder.tick()
+    first = node.subscriptions["/state"]
+    assert first in recorder.gathered_subscriptions or not is_lockstep
+    first.waiting += [stamped(100), stamped(101)]
+    node.best_effort.add("/state")
+    recorder._next_search = 0.0
+    recorder.tick()
+    assert node.subscriptions["/state"] is not first
+    assert "best effort" in node.warnings[-1]
+    node.callbacks["/state"](stamped(102))
+    recorder.finish()
+    writer.close()
+    items = [(m.topic, m.log_time // SECOND) for m in BagReader(tmp_path / "bag").raw_messages()]
+    assert items == [("/state", 100), ("/state", 101), ("/state", 102)]
 
 
 def test_outside_lockstep_nothing_gathers(recording):

@@ -29,11 +29,11 @@ from mcap.records import Channel, Chunk, Metadata, Schema
 from vtff_bag.file.errors import BagReadError
 
 MAGIC = b"\x89MCAP0\r\n"
-_RECORD = struct.Struct("<BQ")  # opcode, length of what follows
+RECORD = struct.Struct("<BQ")  # opcode, length of what follows
 _MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time
-_MESSAGE_OPCODE = int(Opcode.MESSAGE)  # a comparison with a member of an enumeration is slow
+MESSAGE_OPCODE = int(Opcode.MESSAGE)  # a comparison with a member of an enumeration is slow
 _CHUNK = struct.Struct("<QQQII")  # start, end, uncompressed size, checksum, length of compression
-_FOOTER_LENGTH = 20
+FOOTER_LENGTH = 20  # bytes that follow
 _LARGEST_CHUNK = 1 << 30  # B uncompressed; a record that states more has a damaged length
 BAG_METADATA_RECORD = "rosbag2"  # name of the record that repeats metadata.yaml inside the file
 _GROUP_SIZE = 128 * 1024  # B of messages outside chunks that make one block
@@ -182,8 +182,8 @@ def read_block(
 def _messages_of(stored: bytes, channel_ids: Collection[int] | None) -> list[StoredMessage]:
     """Return the messages of some channels, or of all; ValueError if a record is cut off."""
     # One loop without calls: a bag has thousands of messages for each second of reading.
-    record_of, message_of = _RECORD.unpack_from, _MESSAGE.unpack_from
-    head, message_head, size = _RECORD.size, _MESSAGE.size, len(stored)
+    record_of, message_of = RECORD.unpack_from, _MESSAGE.unpack_from
+    head, message_head, size = RECORD.size, _MESSAGE.size, len(stored)
     new = tuple.__new__  # that of the class takes twice as long
     messages: list[StoredMessage] = []
     position = 0
@@ -191,9 +191,9 @@ def _messages_of(stored: bytes, channel_ids: Collection[int] | None) -> list[Sto
         opcode, length = record_of(stored, position)
         start = position + head
         position = start + length
-        if position > size or (opcode == _MESSAGE_OPCODE and length < message_head):
+        if position > size or (opcode == MESSAGE_OPCODE and length < message_head):
             raise ValueError("a record is cut off")
-        if opcode == _MESSAGE_OPCODE:
+        if opcode == MESSAGE_OPCODE:
             channel_id, _, log_time, publish_time = message_of(stored, start)
             if channel_ids is None or channel_id in channel_ids:
                 serialized = stored[start + message_head : position]
@@ -206,8 +206,8 @@ def _split_records(stored: bytes) -> Iterator[tuple[int, int, int]]:
     """Yield opcode, start and end of each record; ValueError if a record is cut off."""
     position = 0
     while position < len(stored):
-        opcode, length = _RECORD.unpack_from(stored, position)
-        start = position + _RECORD.size
+        opcode, length = RECORD.unpack_from(stored, position)
+        start = position + RECORD.size
         position = start + length
         if position > len(stored) or (opcode == Opcode.MESSAGE and length < _MESSAGE.size):
             raise ValueError("a record is cut off")
@@ -216,7 +216,7 @@ def _split_records(stored: bytes) -> Iterator[tuple[int, int, int]]:
 
 def _read_chunk(stored: bytes) -> bytes:
     """Return the records inside a stored chunk record, decompressed and checked."""
-    chunk = Chunk.read(ReadDataStream(io.BytesIO(stored[_RECORD.size :])))
+    chunk = Chunk.read(ReadDataStream(io.BytesIO(stored[RECORD.size :])))
     if chunk.uncompressed_size > _LARGEST_CHUNK:
         raise ValueError(f"a chunk claims {chunk.uncompressed_size} bytes")
     if chunk.compression == "zstd":
@@ -266,14 +266,14 @@ def _read_content_from_summary(path: pathlib.Path, file: BinaryIO) -> FileConten
 
     def is_inside(offset: int, length: int) -> bool:
         # An index with a good checksum may still name places that no file has.
-        return length >= _RECORD.size and offset + length <= size
+        return length >= RECORD.size and offset + length <= size
 
     for index in summary.chunk_indexes:
         if not is_inside(index.chunk_start_offset, index.chunk_length):
             return None
         file.seek(index.chunk_start_offset)
-        header = file.read(_RECORD.size)
-        expected = _RECORD.pack(Opcode.CHUNK, index.chunk_length - _RECORD.size)
+        header = file.read(RECORD.size)
+        expected = RECORD.pack(Opcode.CHUNK, index.chunk_length - RECORD.size)
         if header != expected:
             return None
         content.blocks.append(
@@ -289,7 +289,7 @@ def _read_content_from_summary(path: pathlib.Path, file: BinaryIO) -> FileConten
         if not is_inside(entry.offset, entry.length):
             continue  # the messages can be read without it
         file.seek(entry.offset)
-        _read_bag_metadata(content, file.read(entry.length)[_RECORD.size :])
+        _read_bag_metadata(content, file.read(entry.length)[RECORD.size :])
     return content
 
 
@@ -305,15 +305,15 @@ def _read_bag_metadata(content: FileContent, stored: bytes) -> None:
 def _summary_is_intact(file: BinaryIO) -> bool:
     """Return whether the file ends with a footer whose checksum covers the summary before it."""
     size = file.seek(0, os.SEEK_END)
-    footer_start = size - len(MAGIC) - _FOOTER_LENGTH - _RECORD.size
+    footer_start = size - len(MAGIC) - FOOTER_LENGTH - RECORD.size
     if footer_start < len(MAGIC):
         return False
     file.seek(footer_start)
     ending = file.read()
-    opcode, length = _RECORD.unpack_from(ending)
+    opcode, length = RECORD.unpack_from(ending)
     checksum: int
-    summary_start, _, checksum = struct.unpack_from("<QQI", ending, _RECORD.size)
-    if (opcode, length) != (Opcode.FOOTER, _FOOTER_LENGTH) or not ending.endswith(MAGIC):
+    summary_start, _, checksum = struct.unpack_from("<QQI", ending, RECORD.size)
+    if (opcode, length) != (Opcode.FOOTER, FOOTER_LENGTH) or not ending.endswith(MAGIC):
         return False
     if not len(MAGIC) < summary_start <= footer_start:
         return False
@@ -365,11 +365,11 @@ class _Scan:
 
     def _read_record(self, position: int) -> int | None:
         """Read the record at a position and return its end; None if the record is damaged."""
-        if position + _RECORD.size > self._size:
+        if position + RECORD.size > self._size:
             return None
         length: int
-        opcode, length = _RECORD.unpack_from(self._file, position)
-        end = position + _RECORD.size + length
+        opcode, length = RECORD.unpack_from(self._file, position)
+        end = position + RECORD.size + length
         if end > self._size or not Opcode.HEADER <= opcode <= Opcode.DATA_END:
             return None
         try:
@@ -379,7 +379,7 @@ class _Scan:
         return end
 
     def _take(self, opcode: int, position: int, end: int) -> None:
-        start = position + _RECORD.size
+        start = position + RECORD.size
         if opcode == Opcode.MESSAGE:
             self._take_message(position, start, end)
         elif opcode == Opcode.CHUNK:
@@ -450,8 +450,8 @@ class _Scan:
         match = _RESYNCHRONISE.search(self._file, position + 1)
         while match is not None:
             candidate = match.start()
-            opcode, length = _RECORD.unpack_from(self._file, candidate)
-            end = candidate + _RECORD.size + length
+            opcode, length = RECORD.unpack_from(self._file, candidate)
+            end = candidate + RECORD.size + length
             if end <= self._size and self._is_intact(opcode, candidate, end):
                 return candidate
             match = _RESYNCHRONISE.search(self._file, candidate + 1)

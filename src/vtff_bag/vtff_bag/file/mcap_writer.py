@@ -31,18 +31,17 @@ from mcap.records import (
     SummaryOffset,
 )
 
-from vtff_bag.file.mcap_blocks import MAGIC
+from vtff_bag.file.mcap_blocks import FOOTER_LENGTH, MAGIC, MESSAGE_OPCODE, RECORD
 
 __all__ = ["COMPRESSIONS", "McapWriter"]
 
 _MESSAGE = struct.Struct("<BQHIQQ")  # opcode, length, channel, sequence, log time, publish time
-_MESSAGE_FIELDS = _MESSAGE.size - 9  # bytes that the length of a record counts before the content
-_MESSAGE_OPCODE = int(Opcode.MESSAGE)
+#: Bytes that the length of a record counts before the content of a message.
+_MESSAGE_FIELDS = _MESSAGE.size - RECORD.size
 _INDEX_HEAD = struct.Struct("<BQHI")  # opcode, length, channel, bytes of the entries
 _CHUNK_HEAD = struct.Struct("<BQQQQII")  # opcode, length, start, end, size, checksum, text length
 _LENGTH = struct.Struct("<Q")
 _FOOTER_HEAD = struct.Struct("<BQQQ")
-_FOOTER_LENGTH = 20
 
 
 def _make_zstd() -> Callable[[bytearray], bytes]:
@@ -141,7 +140,7 @@ class McapWriter:
         """
         chunk = self._chunk
         head = _MESSAGE.pack(
-            _MESSAGE_OPCODE,
+            MESSAGE_OPCODE,
             _MESSAGE_FIELDS + len(content),
             channel_id,
             0,
@@ -174,9 +173,10 @@ class McapWriter:
 
     def times(self) -> tuple[int, int]:
         """Return the least and the greatest log time, ns since 1970; zeros without a message."""
-        if not self._index:
-            return self._times
-        start_time, end_time = self._chunk_times()
+        return self._times_with(*self._chunk_times()) if self._index else self._times
+
+    def _times_with(self, start_time: int, end_time: int) -> tuple[int, int]:
+        """Return the times of finished chunks and of one more."""
         if self._counts:
             start_time = min(start_time, self._times[0])
         return start_time, max(end_time, self._times[1])
@@ -195,7 +195,7 @@ class McapWriter:
         name = self._compression.encode()
         head = _CHUNK_HEAD.pack(
             Opcode.CHUNK,
-            _CHUNK_HEAD.size - 9 + len(name) + _LENGTH.size + len(compressed),
+            _CHUNK_HEAD.size - RECORD.size + len(name) + _LENGTH.size + len(compressed),
             start_time,
             end_time,
             len(records),
@@ -212,7 +212,7 @@ class McapWriter:
             offsets[channel_id] = index_start + len(indexes)
             size = len(entries) * 8
             indexes += _INDEX_HEAD.pack(
-                Opcode.MESSAGE_INDEX, _INDEX_HEAD.size - 9 + size, channel_id, size
+                Opcode.MESSAGE_INDEX, _INDEX_HEAD.size - RECORD.size + size, channel_id, size
             )
             indexes += struct.pack(f"<{len(entries)}Q", *entries)
         self._file.write(indexes)
@@ -229,7 +229,8 @@ class McapWriter:
                 uncompressed_size=len(records),
             )
         )
-        self._times, self._counts = self.times(), self.count_messages()
+        self._times = self._times_with(start_time, end_time)
+        self._counts = self.count_messages()
         self._index.clear()
         self._chunk = bytearray()
 
@@ -263,7 +264,7 @@ class McapWriter:
         offsets_start = summary_start + len(summary)
         summary += offsets
         places = (summary_start, offsets_start)
-        head = _FOOTER_HEAD.pack(Opcode.FOOTER, _FOOTER_LENGTH, *places)
+        head = _FOOTER_HEAD.pack(Opcode.FOOTER, FOOTER_LENGTH, *places)
         checksum = zlib.crc32(head, zlib.crc32(summary))
         self._file.write(summary)
         self._file.write(_encode(Footer(*places, summary_crc=checksum)) + MAGIC)

@@ -58,9 +58,9 @@ class Recorder:
     """Subscribes to every topic and writes the messages that arrive.
 
     In lockstep a message with a header has its time in itself, so it does not matter when it is
-    taken. Such messages gather in their subscriptions, which no executor should know
-    (`gathered_subscriptions`), until `flush` or for `GATHER_LIMIT`: to be told of each by an
-    executor costs as much as all the rest.
+    taken; one with a stamp of zero has the scenario time at which it is taken. Such messages gather
+    in their subscriptions, which no executor should know (`gathered_subscriptions`), until `flush`
+    or for `GATHER_LIMIT`: to be told of each by an executor costs as much as all the rest.
 
     Parameters
     ----------
@@ -150,7 +150,9 @@ class Recorder:
         now = time.monotonic()
         if now >= self._next_search:
             self._search(now)
-        if now - self._gathered_at >= GATHER_LIMIT:
+        # Once stable, ticks are as far apart as messages may gather.
+        if self.stable or now - self._gathered_at >= GATHER_LIMIT:
+            self._gathered_at = now
             self.take_gathered()
         if self._held and now - self._held_since >= HOLD_LIMIT_SECONDS:
             self._release_held(time.time_ns())
@@ -162,7 +164,6 @@ class Recorder:
 
     def take_gathered(self) -> None:
         """Take and write the messages that have gathered in their subscriptions."""
-        self._gathered_at = time.monotonic()
         take_unannounced(self.gathered_subscriptions)
 
     def flush(self) -> None:
@@ -302,6 +303,8 @@ class Recorder:
             f"{'reliable' if topic.reliable else 'best effort'}, "
             f"{'transient local' if topic.transient_local else 'volatile'}"
         )
+        # What waits in the subscription is lost with it.
+        take_unannounced([topic.subscription])
         self._node.destroy_subscription(topic.subscription)
         topic.subscription = self._subscribe(message_class(topic.type), topic)
 
