@@ -323,6 +323,11 @@ class SimgenBridgeNode(VtffNode):
         self._thrust_in_force = self._thrust_now(stamp_nanoseconds)
         self._receive_replies()
         self._send_motion()
+        if self._state == SimulatorStatus.STATE_ERROR:
+            return
+        # Of the truth nobody waits for SimGEN: it is published while SimGEN works.
+        self._publish_orbits(stamp)
+        self._publish_attitudes(stamp)
         if self.lockstep:
             # SimGEN replies when the bytes of this step are on the ports of the receivers. With
             # /clock after that, a driver never takes a slow emulator for a silent receiver.
@@ -331,6 +336,11 @@ class SimgenBridgeNode(VtffNode):
             return
         self._clock_message.clock = stamp
         self._clock_publisher.publish(self._clock_message)
+        self._publish_status(stamp)
+        self._show_progress()
+
+    def _publish_orbits(self, stamp: Any) -> None:
+        """Publish the true orbits and relative states."""
         for name, (publisher, message) in self._orbit_messages.items():
             state = self._truth.state_gcrf(name)
             message.header.stamp = stamp
@@ -346,9 +356,6 @@ class SimgenBridgeNode(VtffNode):
             relative.position_chief_gcrf = state_chief[:3]
             relative.velocity_chief_gcrf = state_chief[3:]
             publisher.publish(relative)
-        self._publish_attitudes(stamp)
-        self._publish_status(stamp)
-        self._show_progress()
 
     def _publish_attitudes(self, stamp: Any) -> None:
         """Publish true attitudes, and reports of the modules whose period has ended."""

@@ -506,8 +506,10 @@ class MeasurementEngine:
 
     def _write_truth(self, second: int) -> None:
         if self._truth.is_wanted:
-            record = second_record(self._last_measurements(), second)
-            self._truth.write("second", receiver=self.configuration.name, **record)
+            name, measured = self.configuration.name, self._last_measurements()
+            self._truth.write_later(
+                "second", lambda: {"receiver": name, **second_record(measured, second)}
+            )
 
 
 def _stack(terms: Sequence[FloatArray]) -> FloatArray:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -16,7 +16,8 @@ _ENCODER = json.JSONEncoder(separators=(",", ":"))
 class TruthFile:
     """Writes records, one JSON object to a line; without a path they go nowhere.
 
-    Records have the field ``record``: ``run``, ``receiver``, ``region``, ``fault``, ``satellite``,
+    Records wait for `flush`: a client that waits for the bytes of receivers does not wait for them.
+    They have the field ``record``: ``run``, ``receiver``, ``region``, ``fault``, ``satellite``,
     ``arc`` or ``second``.
 
     Parameters
@@ -34,6 +35,7 @@ class TruthFile:
         self._stream: TextIO | None = (
             None if path is None else Path(path).open("w", encoding="utf-8")
         )
+        self._waiting: list[tuple[str, Callable[[], dict[str, Any]]]] = []
 
     @property
     def is_wanted(self) -> bool:
@@ -41,20 +43,37 @@ class TruthFile:
         return self._stream is not None
 
     def write(self, record: str, **fields: Any) -> None:
-        """Write one record; raises OSError with the path if the file cannot take it."""
+        """Write one record."""
+        self.write_later(record, lambda: fields)
+
+    def write_later(self, record: str, make_fields: Callable[[], dict[str, Any]]) -> None:
+        """Write one record, whose fields are made when it is written.
+
+        Parameters
+        ----------
+        record : str
+        make_fields : callable
+            Returns the fields; what it uses must not change before.
+        """
         if self._stream is not None:
-            line = _ENCODER.encode({"record": record, **fields})
-            with self._named_errors():
-                self._stream.write(line + "\n")
+            self._waiting.append((record, make_fields))
 
     def flush(self) -> None:
-        """Hand what is buffered to the system; raises OSError with the path if that fails."""
-        if self._stream is not None:
-            with self._named_errors():
-                self._stream.flush()
+        """Hand what waits to the system; raises OSError with the path if that fails."""
+        waiting, self._waiting = self._waiting, []
+        if self._stream is None or not waiting:
+            return
+        lines = [_ENCODER.encode({"record": record, **make()}) + "\n" for record, make in waiting]
+        with self._named_errors():
+            self._stream.write("".join(lines))
+            self._stream.flush()
 
     def close(self) -> None:
-        """Close the file; nothing can be written afterwards. Raises as `flush` does."""
+        """Write what waits and close the file; nothing can be written afterwards.
+
+        Raises as `flush` does.
+        """
+        self.flush()
         if self._stream is not None:
             with self._named_errors():
                 self._stream.close()

@@ -145,8 +145,8 @@ class ReceiverSet:
                 motion = motion_of(receiver.configuration.vehicle)
                 send(name, self._bytes_of(name, receiver, motion, second, first, last))
             self._last_epoch = last
-            if last == second * EPOCHS_PER_SECOND:
-                self._truth.flush()
+            if last < newest:
+                self._truth.flush()  # that of many seconds takes much memory
 
     def _bytes_of(
         self,
@@ -208,8 +208,9 @@ class GnssEmulation:
     """Receivers of a `ScenarioMachine` with their ports; an observer of its time.
 
     The bytes of a time are handed to the ports before the reply to the motion command that
-    brought it. What a client does not take waits; in lockstep the server carries out no further
-    command while too much of it waits (see `is_congested`), so that nothing is lost.
+    brought it, its truth is written afterwards. What a client does not take waits; in lockstep the
+    server carries out no further command while too much of it waits (see `is_congested`), so that
+    nothing is lost.
 
     Parameters
     ----------
@@ -285,6 +286,10 @@ class GnssEmulation:
         """Take commands from the ports and send what waits, as far as clients take it."""
         for port in self.ports.values():
             port.process()
+
+    def settle(self) -> None:
+        """Write the truth of what was sent."""
+        self._truth.flush()
 
     def close(self) -> None:
         """Close ports and truth file."""
