@@ -118,6 +118,19 @@ def test_it_stays_taken_over_until_the_reset():
         safety.reset("nobody")
 
 
+def test_it_does_not_matter_which_state_came_first():
+    """Each filter has an idea of its own of where the chief is."""
+    in_order, reversed_order = (FormationSafety("chief", ("one", "two"), SETTING) for _ in range(2))
+    elsewhere = CHIEF + np.array([40.0, -30.0, 20.0, 0.02, 0.01, -0.03])
+    inputs = {
+        "one": heard(relative(t=120.0, vt=-2.0)),
+        "two": heard(relative(t=-200.0, n=50.0), chief=elsewhere),
+    }
+    first = in_order.step(inputs)
+    second = reversed_order.step(dict(reversed(inputs.items())))
+    assert first.pairs == second.pairs
+
+
 @pytest.mark.parametrize("chief_thrusts", [False, True])
 @pytest.mark.parametrize("command", [(0.0, 0.0, 0.0), (0.0, -1.4, 0.0)])
 def test_commands_may_come_after_the_states(chief_thrusts, command):

@@ -424,9 +424,10 @@ class FormationSafety:
     def _watch_states(self, inputs: Mapping[str, SpacecraftInput]) -> None:
         """Take what is navigated, predict what is not, and watch the thrusters."""
         step = self._setting.step
-        chiefs = (
-            given.state_chief_gcrf for given in inputs.values() if given.relative_rtn is not None
-        )
+        # Each deputy knows the chief a little differently: the first in order counts, not the first
+        # that came.
+        ordered = (inputs.get(name, SpacecraftInput()) for name in self._tracks)
+        chiefs = (given.state_chief_gcrf for given in ordered if given.relative_rtn is not None)
         previous_chief = self._chief
         thrust_chief = self._chief_thruster.reported
         self._chief = next((chief for chief in chiefs if chief is not None), None)
