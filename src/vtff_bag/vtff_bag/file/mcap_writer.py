@@ -86,7 +86,8 @@ class McapWriter:
         self._schemas: list[Schema] = []
         self._channels: list[Channel] = []
         self._metadata_indexes: list[MetadataIndex] = []
-        self._chunk_indexes: list[ChunkIndex] = []
+        self._chunk_indexes = bytearray()
+        self._chunk_count = 0
         #: First and last log time, and number of messages by channel, of finished chunks.
         self._times = (0, 0)
         self._counts: dict[int, int] = {}
@@ -216,7 +217,9 @@ class McapWriter:
             )
             indexes += struct.pack(f"<{len(entries)}Q", *entries)
         self._file.write(indexes)
-        self._chunk_indexes.append(
+        # Encoded: objects of a long recording would take twenty times the memory.
+        self._chunk_count += 1
+        self._chunk_indexes += _encode(
             ChunkIndex(
                 chunk_length=len(stored),
                 chunk_start_offset=place,
@@ -249,15 +252,14 @@ class McapWriter:
         summary_start = self._file.tell()
         summary = bytearray()
         offsets = bytearray()
-        for opcode, records in (
-            (Opcode.SCHEMA, self._schemas),
-            (Opcode.CHANNEL, self._channels),
-            (Opcode.STATISTICS, [self._statistics()]),
+        for opcode, group in (
+            (Opcode.SCHEMA, b"".join(map(_encode, self._schemas))),
+            (Opcode.CHANNEL, b"".join(map(_encode, self._channels))),
+            (Opcode.STATISTICS, _encode(self._statistics())),
             (Opcode.CHUNK_INDEX, self._chunk_indexes),
-            (Opcode.ATTACHMENT_INDEX, []),
-            (Opcode.METADATA_INDEX, self._metadata_indexes),
+            (Opcode.ATTACHMENT_INDEX, b""),
+            (Opcode.METADATA_INDEX, b"".join(map(_encode, self._metadata_indexes))),
         ):
-            group = b"".join(map(_encode, records))
             start = summary_start + len(summary)
             offsets += _encode(SummaryOffset(opcode, group_start=start, group_length=len(group)))
             summary += group
@@ -275,7 +277,7 @@ class McapWriter:
             attachment_count=0,
             channel_count=len(self._channels),
             channel_message_counts=self._counts,
-            chunk_count=len(self._chunk_indexes),
+            chunk_count=self._chunk_count,
             message_count=sum(self._counts.values()),
             message_end_time=end_time,
             message_start_time=start_time,
