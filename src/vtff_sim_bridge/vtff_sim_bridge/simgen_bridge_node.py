@@ -143,6 +143,12 @@ class SimgenBridgeNode(VtffNode):
         self._actuations: dict[str, dict[int, AdcsCommand]] = {
             name: {} for name in self._attitudes if name not in given.turning_free
         }
+        # Nothing but forces moves these, so that their motion is known a step ahead.
+        self._free = [
+            name
+            for name in self._truth.names
+            if name not in self._thrust and name not in self._attitudes
+        ]
         self._simgen = self._make_link(given)
         self._thrust_in_force: dict[str, np.ndarray] = {}
         self._state = SimulatorStatus.STATE_IDLE
@@ -535,8 +541,13 @@ class SimgenBridgeNode(VtffNode):
     def _send_motion(self) -> None:
         if self._simgen is None:
             return
+        step = self._scenario.step
+        following = None
+        if self._simgen.sends_ahead and self._step_source.step < self._steps:
+            motions = self._truth.motions_of_next_step(self._free)
+            following = self._time_into_run() + step, motions
         try:
-            self._simgen.send(self._time_into_run(), self._motions_of_now())
+            self._simgen.send(self._time_into_run(), self._motions_of_now(), following)
         except SimRemoteError as error:
             self.fail(str(error))
 

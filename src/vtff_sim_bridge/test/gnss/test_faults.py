@@ -59,23 +59,46 @@ def satellite_name(key: tuple[int, int, int]) -> str:
     return f"{c.SYSTEM_LETTERS[key[0]]}{key[1]:02d}"
 
 
-@pytest.mark.parametrize("chunk", [50_000_000, 250_000_000])
-def test_bytes_do_not_depend_on_the_steps_of_scenario_time(chunk):
-    motions = support.orbit_motions([support.CHIEF_GCRF, support.DEPUTY_GCRF], 4)
-    base = support.configuration(
-        "reference",
-        regions=(EVERYWHERE,),
-        faults=(
+def eventful() -> dict[str, object]:
+    """Return the changes of a configuration in which much happens within four seconds."""
+    return {
+        "regions": (EVERYWHERE,),
+        "faults": (
             Fault("corrupted_bytes", "chief", time=1.0, duration=1.0, rate=1e-3),
             Fault("outage", "deputy", time=1.15, duration=0.8, signal="G1C"),
             Fault("clock_jump", "deputy", time=2.1, seconds=1e-6),
         ),
-    )
-    logs = support.LOGS + b"LOG BESTXYZB ONTIME 0.5\r\nLOG RANGECMP4B ONTIME 0.25\r\n"
-    whole = support.Run(base, motions, logs).all()
-    parts = support.Run(base, motions, logs, chunk=chunk).all()
+    }
+
+
+MANY_LOGS = support.LOGS + b"LOG BESTXYZB ONTIME 0.5\r\nLOG RANGECMP4B ONTIME 0.25\r\n"
+
+
+@pytest.mark.parametrize("chunk", [50_000_000, 250_000_000])
+def test_bytes_do_not_depend_on_the_steps_of_scenario_time(chunk):
+    motions = support.orbit_motions([support.CHIEF_GCRF, support.DEPUTY_GCRF], 4)
+    base = support.configuration("reference", **eventful())
+    whole = support.Run(base, motions, MANY_LOGS).all()
+    parts = support.Run(base, motions, MANY_LOGS, chunk=chunk).all()
     assert parts.content == whole.content
     assert len(whole.content["chief"]) > 70_000
+
+
+@pytest.mark.parametrize("name", ["reference", "realistic"])
+@pytest.mark.parametrize("chunk", [10**9, 250_000_000])
+@pytest.mark.parametrize("ahead", [1, 2])
+def test_bytes_and_truth_are_those_of_receivers_that_do_not_look_ahead(
+    name, chunk, ahead, tmp_path
+):
+    """Also where a part of the second is wanted that was measured ahead as a whole."""
+    motions = support.orbit_motions([support.CHIEF_GCRF, support.DEPUTY_GCRF], 4)
+    base = support.configuration(name, **eventful())
+    plain = support.Run(base, motions, MANY_LOGS, truth_path=tmp_path / "plain").all()
+    early = support.Run(
+        base, motions, MANY_LOGS, chunk, truth_path=tmp_path / "early", ahead=ahead
+    ).all()
+    assert early.content == plain.content
+    assert (tmp_path / "early").read_bytes() == (tmp_path / "plain").read_bytes()
 
 
 def test_one_effect_does_not_change_the_numbers_of_another(motions):

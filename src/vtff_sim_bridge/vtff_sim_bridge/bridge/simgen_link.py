@@ -24,6 +24,7 @@ LOGGER = logging.getLogger("simgen_link")
 Motions = Mapping[str, npt.NDArray[np.float64]]
 #: Time into the run, s, and the motion of each vehicle then.
 _Step = tuple[float, list[tuple[str, MotionState]]]
+_NONE_KNOWN: tuple[float, frozenset[str]] = -1.0, frozenset()  # no time of a run is negative
 
 
 class SimGenLink:
@@ -52,6 +53,9 @@ class SimGenLink:
     ----------
     problem
         The current problem of the connection; empty if there is none.
+    sends_ahead
+        Whether motion that is known ahead is sent: in lockstep SimGEN works on it while the client
+        does. In real time commands take effect as late as possible.
     """
 
     def __init__(
@@ -72,8 +76,11 @@ class SimGenLink:
         self._unsent: list[_Step] = []
         self._unanswered: list[_Step] = []
         self._awaited_replies = 0
+        # Time into the run, s, and vehicles whose motion then SimGEN has acknowledged ahead.
+        self._known = _NONE_KNOWN
         self._started = False
         self.problem = ""
+        self.sends_ahead = reconnect_timeout is not None and steps_together == 1
 
     @property
     def counters(self) -> ClientCounters:
@@ -126,7 +133,12 @@ class SimGenLink:
         except ValueError:
             raise SimRemoteError(f"-,TIME: a number expected, got {reply.data_text!r}") from None
 
-    def send(self, time: float, motions: Motions | Callable[[], Motions]) -> None:
+    def send(
+        self,
+        time: float,
+        motions: Motions | Callable[[], Motions],
+        following: tuple[float, Motions] | None = None,
+    ) -> None:
         """Send the motion of every spacecraft for a time (s into the run), in one packet.
 
         With `steps_together` the motion waits for that of further steps.
@@ -138,6 +150,9 @@ class SimGenLink:
         motions
             Motion of each spacecraft as for `start`, or a function that returns it. The function is
             called when the motion is sent: to compute many steps in a row is faster.
+        following
+            Time of the next step and the motion then of spacecraft for which it is known already;
+            only where the link `sends_ahead`. It is not sent again at that time.
 
         Raises
         ------
@@ -146,6 +161,8 @@ class SimGenLink:
             replies to earlier steps are taken, as in `receive`.
         """
         self._waiting.append((time, motions))
+        if following is not None:
+            self._waiting.append(following)
         if len(self._unsent) + len(self._waiting) >= self._steps_together:
             self._compute_waiting()
             self._receive_all()
@@ -184,10 +201,14 @@ class SimGenLink:
         self._unsent += [self._commands(*each) for each in waiting]
 
     def _commands(self, time: float, motions: Motions | Callable[[], Motions]) -> _Step:
-        """Return the motion of the vehicles at a time."""
+        """Return the motion of the vehicles at a time, but for those that SimGEN has already."""
         computed = motions() if callable(motions) else motions
+        known_time, known = self._known
+        of_vehicles = ((self._vehicles[name], motion) for name, motion in computed.items())
         return time, [
-            (self._vehicles[name], motion_state(motion)) for name, motion in computed.items()
+            (vehicle, motion_state(motion))
+            for vehicle, motion in of_vehicles
+            if time != known_time or vehicle not in known
         ]
 
     def _send_all(self) -> None:
@@ -210,6 +231,8 @@ class SimGenLink:
             return
         try:
             self._client.receive_replies(awaited)
+            time, motions = self._unanswered[-1]
+            self._known = time, frozenset(vehicle for vehicle, _ in motions)
         except SimRemoteConnectionError as error:
             self._note_lost_connection(error, final=False)
             if self._steps_together > 1:  # alone, a step has been overtaken by the next
@@ -249,6 +272,7 @@ class SimGenLink:
 
     def _note_lost_connection(self, error: SimRemoteConnectionError, *, final: bool) -> None:
         self.problem = str(error)
+        self._known = _NONE_KNOWN
         LOGGER.warning("%s", error)
         if final and self._reconnect_timeout is not None:
             raise error

@@ -31,11 +31,13 @@ from vtff_sim_bridge.noise.random_streams import (
     receiver_number,
 )
 from vtff_sim_bridge.receiver.measurement_engine import MeasurementEngine
+from vtff_sim_bridge.receiver.measurements import Measurements
 from vtff_sim_bridge.receiver.receiver_firmware import ReceiverFirmware
 from vtff_sim_bridge.receiver.receiver_port import ReceiverPort
 from vtff_sim_bridge.receiver.truth_file import TruthFile
 from vtff_sim_bridge.receiver.truth_records import SatelliteTruth, receiver_record
 from vtff_sim_bridge.simgen.emulator_state import ScenarioMachine
+from vtff_sim_bridge.simremote.language import SimGenStatus
 from vtff_sim_bridge.simremote.motion import MotionState, VehicleMotion
 from vtff_sim_bridge.simremote.power_command import PowerCommand
 
@@ -43,6 +45,7 @@ __all__ = ["GnssEmulation", "ReceiverSet", "compile_kernels"]
 
 LOGGER = logging.getLogger("simgen_emulator")
 
+_WHOLE_SECOND = slice(0, EPOCHS_PER_SECOND)
 _REHEARSED_MOTION = MotionState((6.9e6, 0.0, 0.0), (0.0, 5.2e3, 5.2e3), (-7.5, 0.0, 0.0))
 
 
@@ -91,6 +94,8 @@ class ReceiverSet:
         )
         self._emulated = emulated
         self._last_epoch = -1
+        # Measurements of the second after the last epoch, of receivers that have them already.
+        self._ahead: dict[str, Measurements] = {}
         self._truth = truth
         self.receivers: dict[str, MeasurementEngine] = {}
         self._byte_faults: dict[str, ByteFaults] = {}
@@ -145,6 +150,8 @@ class ReceiverSet:
                 motion = motion_of(receiver.configuration.vehicle)
                 send(name, self._bytes_of(name, receiver, motion, second, first, last))
             self._last_epoch = last
+            if last == second * EPOCHS_PER_SECOND:
+                self._ahead.clear()
             if last < newest:
                 self._truth.flush()  # that of many seconds takes much memory
 
@@ -160,15 +167,53 @@ class ReceiverSet:
         """Return what a receiver sends at epochs of one second."""
         origin = (second - 1) * EPOCHS_PER_SECOND + 1
         emitted = slice(first - origin, last - origin + 1)
-        antenna = None
-        if receiver.configuration.has_antenna_geometry:
-            antenna = receiver.configuration.lever_arm_body or (0.0, 0.0, 0.0)
-        track = vehicle_track(motion, second, emitted, antenna)
-        measured = receiver.measure(second, emitted, track)
         emulated, faults = self._emulated[name], self._byte_faults[name]
+        measured = self._ahead.get(name)
+        if measured is None:
+            measured = _measure(receiver, motion, second, emitted)
+            times = measured.times
+        else:
+            times = measured.times[emitted]
         emulated.time_status = receiver.time_status
-        contents = emulated.advance_epochs(measured.times, receiver)
+        contents = emulated.advance_epochs(times, receiver)
         return b"".join(map(faults.apply, contents, range(first, last + 1)))
+
+    def look_ahead(self, motion_of: Callable[[str], VehicleMotion], end_nanoseconds: int) -> None:
+        """Measure the next second of receivers whose motion is commanded that far already.
+
+        It is for the time in which nobody waits for receivers. The bytes are those without it, as
+        long as no later command says anything else of that second.
+
+        Parameters
+        ----------
+        motion_of : callable
+            Motion of a vehicle by its id.
+        end_nanoseconds : int
+            End of the run; nothing is measured after it.
+        """
+        second, begun = divmod(self._last_epoch, EPOCHS_PER_SECOND)
+        second += 1
+        if self._last_epoch < 0 or begun or second * NANOSECONDS_PER_SECOND > end_nanoseconds:
+            return
+        # In their order, which is that of their records in the truth.
+        for name, receiver in list(self.receivers.items())[len(self._ahead) :]:
+            motion = motion_of(receiver.configuration.vehicle)
+            if not motion.has_command_at(second * NANOSECONDS_PER_SECOND):
+                return
+            self._satellite_truth.write(second)
+            measured = _measure(receiver, motion, second, _WHOLE_SECOND)
+            receiver.fix(measured.times[-1])
+            self._ahead[name] = measured
+
+
+def _measure(
+    receiver: MeasurementEngine, motion: VehicleMotion, second: int, emitted: slice
+) -> Measurements:
+    """Return what a receiver measures at epochs of one second."""
+    antenna = None
+    if receiver.configuration.has_antenna_geometry:
+        antenna = receiver.configuration.lever_arm_body or (0.0, 0.0, 0.0)
+    return receiver.measure(second, emitted, vehicle_track(motion, second, emitted, antenna))
 
 
 def compile_kernels(configuration: GnssConfiguration) -> None:
@@ -288,8 +333,12 @@ class GnssEmulation:
             port.process()
 
     def settle(self) -> None:
-        """Write the truth of what was sent."""
+        """Write the truth of what was sent, and measure what is sure to be sent next."""
         self._truth.flush()
+        machine = self._machine
+        if self._set is not None and machine.is_lockstep and machine.status is SimGenStatus.RUNNING:
+            end = machine.duration_seconds * NANOSECONDS_PER_SECOND
+            self._set.look_ahead(machine.motions.__getitem__, end)
 
     def close(self) -> None:
         """Close ports and truth file."""

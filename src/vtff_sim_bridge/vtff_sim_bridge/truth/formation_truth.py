@@ -7,7 +7,7 @@ the truth with this class, so that a run over the real topics gives the numbers 
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -87,7 +87,11 @@ class FormationTruth:
         }
         self._time = time
         self._states = {name: each.state_gcrf for name, each in self._propagators.items()}
-        self._earth = EarthMotionSeries(round(step * NANOSECONDS_PER_SECOND))
+        self._step_nanoseconds = round(step * NANOSECONDS_PER_SECOND)
+        self._earth = EarthMotionSeries(self._step_nanoseconds)
+        # States at the next step, and motions at a time, of spacecraft for which they were asked.
+        self._next_states: dict[str, FloatArray] = {}
+        self._known_motions: tuple[GpsTime, dict[str, FloatArray]] = time, {}
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -148,17 +152,24 @@ class FormationTruth:
         Raises
         ------
         ValueError
-            If an acceleration is for an unknown spacecraft or is not three finite numbers;
-            nothing is advanced then.
+            If an acceleration is for an unknown spacecraft, for one whose motion at the next step
+            was told already, or is not three finite numbers; nothing is advanced then.
         """
         rotations = rotations_to_gcrf or {}
         accelerations_gcrf = {
             name: self._acceleration_gcrf(name, acceleration, rotations.get(name))
             for name, acceleration in (accelerations or {}).items()
         }
+        for name in accelerations_gcrf:
+            if name in self._next_states:
+                raise ValueError(f"acceleration of {name}: its next motion was told without one")
         for name, propagator in self._propagators.items():
-            self._states[name] = propagator.advance(accelerations_gcrf.get(name))
-        self._time = self._propagators[self._chief].time
+            known = self._next_states.get(name)
+            self._states[name] = (
+                propagator.advance(accelerations_gcrf.get(name)) if known is None else known
+            )
+        self._next_states.clear()
+        self._time = self._next_time()
         self._steps_done += 1
         self._rotation = None
         self._acting.clear()
@@ -227,14 +238,35 @@ class FormationTruth:
         }
         return functools.partial(self._motions, self.time, dict(self._states), thrusts)
 
+    def motions_of_next_step(self, names: Iterable[str]) -> dict[str, FloatArray]:
+        """Return `motion_itrf` at the next step of spacecraft that fly freely until then.
+
+        None of them can be given a thrust in this step any more.
+        """
+        for name in names:
+            if name not in self._next_states:
+                self._next_states[name] = self._propagators[name].advance()
+        time = self._next_time()
+        motions = self._motions(time, self._next_states, {})
+        self._known_motions = time, motions
+        return motions
+
+    def _next_time(self) -> GpsTime:
+        """Return the time of the next step."""
+        return GpsTime(self._time.nanoseconds + self._step_nanoseconds)
+
     def _motions(
         self, time: GpsTime, states: Mapping[str, FloatArray], thrusts: Mapping[str, FloatArray]
     ) -> dict[str, FloatArray]:
         """Return the motions at a time; thrusts are accelerations in GCRF, m/s2."""
         earth = self._earth.at(time)
         is_straight = self._integrator == "euler"
+        known_time, known = self._known_motions
         motions = {}
         for name, state in states.items():
+            if name in known and time == known_time:
+                motions[name] = known[name]
+                continue
             derivatives = np.zeros(12)
             derivatives[:6] = state
             if not is_straight:
