@@ -331,7 +331,7 @@ class SimgenBridgeNode(VtffNode):
         self._send_motion()
         if self._state == SimulatorStatus.STATE_ERROR:
             return
-        # Of the truth nobody waits for SimGEN: it is published while SimGEN works.
+        # The truth does not depend on SimGEN: it is published while SimGEN works.
         self._publish_orbits(stamp)
         self._publish_attitudes(stamp)
         if self.lockstep:
