@@ -120,8 +120,27 @@ def test_motion_that_is_known_ahead_is_sent_once(start_emulator):
         link.receive()
     assert link.counters.connection_losses == 1 and not link.problem
     assert times == [second * 10**9 for second in (1, 2, 3, 5, 6, 7)]
+    with pytest.raises(ValueError, match="following"):
+        link.send(8.0, MOTIONS, (9.0, MOTIONS))
     link.stop()
     relay.close()
+
+
+def test_motion_that_is_known_ahead_comes_before_that_of_the_step(start_emulator):
+    """At the step SimGEN may stop to take commands until its receivers are read."""
+    emulator = start_emulator(clock_mode="lockstep")
+    client = SimRemoteClient("127.0.0.1", emulator.port, timeout=5.0)
+    link = SimGenLink(client, ["chief", "deputy"], 5.0)
+    link.start("leo.scn", GpsTime.from_week_tow(1889, 90000.0), 600, MOTIONS)
+    chief = emulator.machine.motions["v1_m1"]
+    known: list[bool] = []
+    emulator.machine.observers.append(lambda time: known.append(chief.has_command_at(time + 10**8)))
+    for tenth in range(1, 40):
+        link.send(tenth * 0.1, MOTIONS, (tenth * 0.1 + 0.1, {"chief": MOTIONS["chief"]}))
+        link.receive()
+    assert known == [True] * 39
+    assert client.counters.sent == client.counters.replies
+    link.stop()
 
 
 def test_in_real_time_and_with_steps_together_nothing_is_sent_ahead():

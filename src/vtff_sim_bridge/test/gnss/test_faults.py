@@ -90,10 +90,10 @@ def test_bytes_do_not_depend_on_the_steps_of_scenario_time(chunk):
 def test_bytes_and_truth_are_those_of_receivers_that_do_not_look_ahead(
     name, chunk, ahead, tmp_path
 ):
-    """Also where a part of the second is wanted that was measured ahead as a whole."""
+    """Where time goes on by a part of a second they do not, so that nothing is to be cut."""
     motions = support.orbit_motions([support.CHIEF_GCRF, support.DEPUTY_GCRF], 4)
     base = support.configuration(name, **eventful())
-    plain = support.Run(base, motions, MANY_LOGS, truth_path=tmp_path / "plain").all()
+    plain = support.Run(base, motions, MANY_LOGS, chunk, truth_path=tmp_path / "plain").all()
     early = support.Run(
         base, motions, MANY_LOGS, chunk, truth_path=tmp_path / "early", ahead=ahead
     ).all()

@@ -74,6 +74,9 @@ def test_nothing_thrusts_whose_motion_was_told_ahead() -> None:
     with pytest.raises(ValueError, match="acceleration of deputy_1: its next motion was told"):
         truth.advance({"deputy_1": [0.1, 0.0, 0.0]})
     truth.advance()
+    coasting = truth.motion_itrf("deputy_1")
+    thrusting = truth.motion_itrf("deputy_1", [0.1, 0.0, 0.0])
+    assert np.linalg.norm((thrusting - coasting)[2]) == pytest.approx(0.1)
     truth.advance({"deputy_1": [0.1, 0.0, 0.0]})
 
 

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import logging
+import operator
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 import numpy.typing as npt
 
+from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_sim_bridge.simremote.client import (
     ClientCounters,
@@ -24,7 +26,7 @@ LOGGER = logging.getLogger("simgen_link")
 Motions = Mapping[str, npt.NDArray[np.float64]]
 #: Time into the run, s, and the motion of each vehicle then.
 _Step = tuple[float, list[tuple[str, MotionState]]]
-_NONE_KNOWN: tuple[float, frozenset[str]] = -1.0, frozenset()  # no time of a run is negative
+_NONE_KNOWN: tuple[int, frozenset[str]] = -1, frozenset()  # no time of a run is negative
 
 
 class SimGenLink:
@@ -76,7 +78,7 @@ class SimGenLink:
         self._unsent: list[_Step] = []
         self._unanswered: list[_Step] = []
         self._awaited_replies = 0
-        # Time into the run, s, and vehicles whose motion then SimGEN has acknowledged ahead.
+        # Latest time into the run, ns, for which SimGEN has motion, and the vehicles that have it.
         self._known = _NONE_KNOWN
         self._started = False
         self.problem = ""
@@ -151,18 +153,24 @@ class SimGenLink:
             Motion of each spacecraft as for `start`, or a function that returns it. The function is
             called when the motion is sent: to compute many steps in a row is faster.
         following
-            Time of the next step and the motion then of spacecraft for which it is known already;
-            only where the link `sends_ahead`. It is not sent again at that time.
+            Time of the next step and the motion then of some spacecraft, not of all, for which it
+            is known already; only where the link `sends_ahead`. It is not sent again at that time.
 
         Raises
         ------
         SimRemoteError
             If the connection is lost and cannot be restored, or SimGEN no longer runs; also where
             replies to earlier steps are taken, as in `receive`.
+        ValueError
+            If all spacecraft are in `following`: the time of SimGEN would go there in lockstep.
         """
-        self._waiting.append((time, motions))
         if following is not None:
+            if len(following[1]) == len(self._vehicles):
+                raise ValueError("following: motion of all spacecraft belongs to its own step")
+            # Before that of this step, at which SimGEN may have so much to send that it takes no
+            # further command until the receivers are read.
             self._waiting.append(following)
+        self._waiting.append((time, motions))
         if len(self._unsent) + len(self._waiting) >= self._steps_together:
             self._compute_waiting()
             self._receive_all()
@@ -203,12 +211,12 @@ class SimGenLink:
     def _commands(self, time: float, motions: Motions | Callable[[], Motions]) -> _Step:
         """Return the motion of the vehicles at a time, but for those that SimGEN has already."""
         computed = motions() if callable(motions) else motions
-        known_time, known = self._known
+        is_known_time = round(time * NANOSECONDS_PER_SECOND) == self._known[0]
         of_vehicles = ((self._vehicles[name], motion) for name, motion in computed.items())
         return time, [
             (vehicle, motion_state(motion))
             for vehicle, motion in of_vehicles
-            if time != known_time or vehicle not in known
+            if not is_known_time or vehicle not in self._known[1]
         ]
 
     def _send_all(self) -> None:
@@ -231,8 +239,9 @@ class SimGenLink:
             return
         try:
             self._client.receive_replies(awaited)
-            time, motions = self._unanswered[-1]
-            self._known = time, frozenset(vehicle for vehicle, _ in motions)
+            time, motions = max(self._unanswered, key=operator.itemgetter(0))
+            nanoseconds = round(time * NANOSECONDS_PER_SECOND)
+            self._known = nanoseconds, frozenset(vehicle for vehicle, _ in motions)
         except SimRemoteConnectionError as error:
             self._note_lost_connection(error, final=False)
             if self._steps_together > 1:  # alone, a step has been overtaken by the next

@@ -10,6 +10,8 @@ from typing import Any, TextIO
 
 __all__ = ["TruthFile"]
 
+#: Kind of a record, and a function that makes its fields.
+_Record = tuple[str, Callable[[], dict[str, Any]]]
 _ENCODER = json.JSONEncoder(separators=(",", ":"))
 
 
@@ -35,7 +37,9 @@ class TruthFile:
         self._stream: TextIO | None = (
             None if path is None else Path(path).open("w", encoding="utf-8")
         )
-        self._waiting: list[tuple[str, Callable[[], dict[str, Any]]]] = []
+        self._waiting: list[_Record] = []
+        self._held: list[_Record] = []
+        self._growing = self._waiting
 
     @property
     def is_wanted(self) -> bool:
@@ -56,20 +60,36 @@ class TruthFile:
             Returns the fields; what it uses must not change before.
         """
         if self._stream is not None:
-            self._waiting.append((record, make_fields))
+            self._growing.append((record, make_fields))
+
+    @contextlib.contextmanager
+    def holding(self) -> Iterator[None]:
+        """Have records that are written meanwhile wait for `release`."""
+        self._growing = self._held
+        try:
+            yield
+        finally:
+            self._growing = self._waiting
+
+    def release(self) -> None:
+        """Let the records that are held be the next ones."""
+        self._waiting += self._held
+        self._held.clear()
 
     def flush(self) -> None:
         """Hand what waits to the system; raises OSError with the path if that fails."""
-        waiting, self._waiting = self._waiting, []
-        if self._stream is None or not waiting:
+        if self._stream is None or not self._waiting:
             return
-        lines = [_ENCODER.encode({"record": record, **make()}) + "\n" for record, make in waiting]
+        lines = [
+            _ENCODER.encode({"record": record, **make()}) + "\n" for record, make in self._waiting
+        ]
+        self._waiting.clear()
         with self._named_errors():
             self._stream.write("".join(lines))
             self._stream.flush()
 
     def close(self) -> None:
-        """Write what waits and close the file; nothing can be written afterwards.
+        """Write what waits, not what is held, and close the file; nothing can be written then.
 
         Raises as `flush` does.
         """

@@ -8,6 +8,7 @@ import logging
 import select
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -94,8 +95,9 @@ class ReceiverSet:
         )
         self._emulated = emulated
         self._last_epoch = -1
-        # Measurements of the second after the last epoch, of receivers that have them already.
-        self._ahead: dict[str, Measurements] = {}
+        self._has_whole_steps = False
+        # What receivers have measured of the second after the last epoch.
+        self._ahead: dict[str, _MeasuredAhead] = {}
         self._truth = truth
         self.receivers: dict[str, MeasurementEngine] = {}
         self._byte_faults: dict[str, ByteFaults] = {}
@@ -141,6 +143,13 @@ class ReceiverSet:
             Is given the name of a receiver and its bytes, part of a second by part.
         """
         newest = time_nanoseconds // EPOCH_NANOSECONDS
+        self._has_whole_steps = not (
+            self._last_epoch < 0
+            or self._last_epoch % EPOCHS_PER_SECOND
+            or newest % EPOCHS_PER_SECOND
+        )
+        self._truth.flush()
+        self._truth.release()
         while self._last_epoch < newest:
             first = self._last_epoch + 1
             second = -(-first // EPOCHS_PER_SECOND)
@@ -168,12 +177,19 @@ class ReceiverSet:
         origin = (second - 1) * EPOCHS_PER_SECOND + 1
         emitted = slice(first - origin, last - origin + 1)
         emulated, faults = self._emulated[name], self._byte_faults[name]
-        measured = self._ahead.get(name)
-        if measured is None:
+        ahead = self._ahead.get(name)
+        if ahead is None:
             measured = _measure(receiver, motion, second, emitted)
             times = measured.times
         else:
-            times = measured.times[emitted]
+            times = ahead.measured.times[emitted]
+            if ahead.commands != _commands_of(motion, second):
+                LOGGER.warning(
+                    "receiver %s had measured to %d s when a motion command for that time came: "
+                    "it takes no part of it",
+                    name,
+                    second,
+                )
         emulated.time_status = receiver.time_status
         contents = emulated.advance_epochs(times, receiver)
         return b"".join(map(faults.apply, contents, range(first, last + 1)))
@@ -181,8 +197,9 @@ class ReceiverSet:
     def look_ahead(self, motion_of: Callable[[str], VehicleMotion], end_nanoseconds: int) -> None:
         """Measure the next second of receivers whose motion is commanded that far already.
 
-        It is for the time in which nobody waits for receivers. The bytes are those without it, as
-        long as no later command says anything else of that second.
+        It is for the time in which nobody waits for receivers. With steps of whole seconds bytes
+        and truth are those without it, as long as no later command is about that second. After
+        other steps nothing is measured ahead.
 
         Parameters
         ----------
@@ -191,19 +208,32 @@ class ReceiverSet:
         end_nanoseconds : int
             End of the run; nothing is measured after it.
         """
-        second, begun = divmod(self._last_epoch, EPOCHS_PER_SECOND)
-        second += 1
-        if self._last_epoch < 0 or begun or second * NANOSECONDS_PER_SECOND > end_nanoseconds:
+        second = self._last_epoch // EPOCHS_PER_SECOND + 1
+        if not self._has_whole_steps or second * NANOSECONDS_PER_SECOND > end_nanoseconds:
             return
         # In their order, which is that of their records in the truth.
         for name, receiver in list(self.receivers.items())[len(self._ahead) :]:
             motion = motion_of(receiver.configuration.vehicle)
             if not motion.has_command_at(second * NANOSECONDS_PER_SECOND):
                 return
-            self._satellite_truth.write(second)
-            measured = _measure(receiver, motion, second, _WHOLE_SECOND)
-            receiver.fix(measured.times[-1])
-            self._ahead[name] = measured
+            with self._truth.holding():
+                self._satellite_truth.write(second)
+                measured = _measure(receiver, motion, second, _WHOLE_SECOND)
+            receiver.fix(measured.times[-1])  # is kept for the log that asks for it
+            self._ahead[name] = _MeasuredAhead(measured, _commands_of(motion, second))
+
+
+class _MeasuredAhead(NamedTuple):
+    """What a receiver has measured ahead, and the motion commands of that second."""
+
+    measured: Measurements
+    commands: list[tuple[int, MotionState]]
+
+
+def _commands_of(motion: VehicleMotion, second: int) -> list[tuple[int, MotionState]]:
+    """Return the motion commands that hold at epochs of a second."""
+    end = second * NANOSECONDS_PER_SECOND
+    return motion.commands_between(end - NANOSECONDS_PER_SECOND + EPOCH_NANOSECONDS, end)
 
 
 def _measure(
@@ -333,10 +363,14 @@ class GnssEmulation:
             port.process()
 
     def settle(self) -> None:
-        """Write the truth of what was sent, and measure what is sure to be sent next."""
+        """Write the truth of what was sent, and measure ahead in lockstep.
+
+        Not where levels are commanded: they hold from the next epoch that is not measured yet.
+        """
         self._truth.flush()
         machine = self._machine
-        if self._set is not None and machine.is_lockstep and machine.status is SimGenStatus.RUNNING:
+        is_running = machine.is_lockstep and machine.status is SimGenStatus.RUNNING
+        if self._set is not None and is_running and not machine.power_commands:
             end = machine.duration_seconds * NANOSECONDS_PER_SECOND
             self._set.look_ahead(machine.motions.__getitem__, end)
 

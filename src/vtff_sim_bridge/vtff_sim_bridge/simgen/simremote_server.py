@@ -44,7 +44,7 @@ class Companion(Protocol):
         """Do what there is to do, without waiting."""
 
     def settle(self) -> None:
-        """Do what no client waits for; called when all replies so far are sent."""
+        """Do what no client waits for; called at the end of each round of the loop."""
 
 
 class CommandSplitter:

@@ -243,6 +243,7 @@ class FormationTruth:
 
         None of them can be given a thrust in this step any more.
         """
+        self._earth.at(self._time)  # in the order of time, in which several are computed at once
         for name in names:
             if name not in self._next_states:
                 self._next_states[name] = self._propagators[name].advance()
@@ -264,7 +265,7 @@ class FormationTruth:
         known_time, known = self._known_motions
         motions = {}
         for name, state in states.items():
-            if name in known and time == known_time:
+            if name in known and name not in thrusts and time == known_time:
                 motions[name] = known[name]
                 continue
             derivatives = np.zeros(12)
