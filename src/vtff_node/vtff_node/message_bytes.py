@@ -50,6 +50,8 @@ _SEQUENCE = re.compile(r"^sequence<(?P<number>\w+)(?:, \d+)?>$")
 _ARRAY = re.compile(r"^(?P<number>\w+)\[(?P<length>\d+)\]$")
 _IN_LISTS = ("boolean", "octet")
 _COUNT = struct.Struct("<I")
+#: Whether the fields of a message are checked when they are set, in ROS versions that have it.
+_CHECK = "_check_fields"
 #: Layouts that are kept of a type, one for each combination of the lengths of its texts and
 #: sequences.
 _KEPT_LAYOUTS = 64
@@ -84,26 +86,21 @@ class MessageBytes:
         self._type = message_type
         self._fields = tuple(_fields(message_type))
         # The length of a text or a sequence is a value of its own, before the content.
-        paths = [path for field in self._fields for path in [field.path] * _count_values(field)]
-        self._read_values = _reader(operator.attrgetter, paths)
-        self._texts: list[int] = []
-        self._sequences: list[int] = []
-        self._arrays: list[int] = []
+        lengths: list[int] = []
         index = 0
         for field in self._fields:
+            if _count_values(field) > 1:
+                lengths.append(index)
             index += _count_values(field)
-            indices = {"text": self._texts, "sequence": self._sequences, "array": self._arrays}
-            if field.kind in indices:
-                indices[field.kind].append(index - 1)
-        lengths = sorted(index - 1 for index in (*self._texts, *self._sequences))
         self._count_lengths = len(lengths)
-        self._read_lengths = _reader(operator.itemgetter, lengths)
+        self._read_lengths = _reader(lengths)
         # A stored message begins with the encapsulation.
-        self._read_stored_lengths = _reader(operator.itemgetter, [index + 1 for index in lengths])
+        self._read_stored_lengths = _reader([index + 1 for index in lengths])
+        self._values = _make_function("values", *_source_of_values(self._fields))
+        self._build = _make_function("build", *_source_of_build(message_type))
         self._structs: dict[tuple[int, ...], struct.Struct] = {}
         # By size of the message: DDS fills texts of several lengths up to one size.
         self._structs_by_size: dict[int, list[tuple[struct.Struct, tuple[int, ...]]]] = {}
-        self._build, _ = _builder(message_type, 1)
 
     def serialize(self, message: Any) -> bytes:
         """Return a message as `rclpy.serialization.serialize_message` does.
@@ -113,15 +110,7 @@ class MessageBytes:
         Exception
             As `serialize_message`, if a value does not fit its field.
         """
-        values = list(self._read_values(message))
-        for index in self._texts:
-            content = _encode(values[index])
-            values[index], values[index - 1] = content, len(content)
-        for index in self._sequences:
-            values[index - 1] = len(values[index])
-            values[index] = values[index].tobytes()
-        for index in self._arrays:
-            values[index] = values[index].tobytes()
+        values = self._values(message)
         lengths = self._read_lengths(values)
         layout = self._structs.get(lengths)
         if layout is None:
@@ -216,12 +205,12 @@ def _encode(text: str) -> bytes:
     return text.encode() + b"\0"
 
 
-def _reader(make: Callable[..., Any], places: Sequence[Any]) -> Callable[[Any], tuple[Any, ...]]:
-    """Return a function that reads a tuple, made by `operator.attrgetter` or `itemgetter`."""
-    if not places:
+def _reader(indices: Sequence[int]) -> Callable[[Sequence[Any]], tuple[Any, ...]]:
+    """Return a function that reads the elements of these indices as a tuple."""
+    if not indices:
         return lambda _: ()
-    read: Callable[[Any], Any] = make(*places)
-    return read if len(places) > 1 else lambda values: (read(values),)
+    read: Callable[[Any], Any] = operator.itemgetter(*indices)
+    return read if len(indices) > 1 else lambda values: (read(values),)
 
 
 def message_of_fields(message_type: Any, **fields: Any) -> Any:
@@ -249,7 +238,7 @@ def _maker(message_type: Any) -> Callable[[], Any]:
     as long.
     """
     make = functools.partial(message_type.__new__, message_type)
-    if "_check_fields" not in message_type.__slots__:
+    if _CHECK not in message_type.__slots__:
         return make
 
     def make_unchecked() -> Any:
@@ -300,55 +289,82 @@ def _count_values(field: _Field) -> int:
     return 2 if field.kind in ("sequence", "text") else 1
 
 
-def _builder(message_type: Any, index: int) -> tuple[Callable[[Sequence[Any]], Any], int]:
-    """Return a function that makes a message of the values of a layout.
+def _make_function(name: str, source: str, names: dict[str, Any]) -> Callable[[Any], Any]:
+    """Return the function of this name in a source; it knows the given names.
 
-    Parameters
-    ----------
-    message_type
-        Class of the message.
-    index
-        Index of the first value of the message.
-
-    Returns
-    -------
-    builder : callable
-    index : int
-        Index of the first value that follows.
+    Functions are written for each type, as `dataclasses` writes its constructors: a loop over the
+    fields takes more than twice as long as what it does.
     """
-    parts: list[tuple[Callable[[Any, Any], None], Callable[[Sequence[Any]], Any]]] = []
-    numbers: list[tuple[Callable[[Any, Any], None], int]] = []
-    for name, declared in message_type.get_fields_and_field_types().items():
-        assign = getattr(message_type, f"_{name}").__set__
-        if part := _class_of(declared):
-            build_part, index = _builder(part, index)
-            parts.append((assign, build_part))
-            continue
-        (field,) = (field for field in _fields(message_type) if field.path == f"_{name}")
-        index += _count_values(field)
-        if field.kind == "number":
-            numbers.append((assign, index - 1))
+    exec(compile(source, f"<{__name__}: {name}>", "exec"), names)
+    made: Callable[[Any], Any] = names[name]
+    return made
+
+
+def _source_of_values(fields: Sequence[_Field]) -> tuple[str, dict[str, Any]]:
+    """Return the source of a function that returns the values of a layout, and names it knows.
+
+    It takes a message and returns a tuple, in which texts, arrays and sequences are bytes.
+    """
+    values = []
+    lines = []
+    for number, field in enumerate(fields):
+        value = f"message.{field.path}"
+        if field.kind == "text":
+            lines.append(f"text{number} = encode({value})")
+            values += [f"len(text{number})", f"text{number}"]
+        elif field.kind == "sequence":
+            values += [f"len({value})", f"{value}.tobytes()"]
         else:
-            parts.append((assign, _content_builder(field, index - 1)))
-    make = _maker(message_type)
-
-    def build(values: Sequence[Any]) -> Any:
-        message = make()
-        for assign, number in numbers:
-            assign(message, values[number])
-        for assign, build_part in parts:
-            assign(message, build_part(values))
-        return message
-
-    return build, index
+            values.append(f"{value}.tobytes()" if field.kind == "array" else value)
+    lines.append(f"return ({''.join(f'{value}, ' for value in values)})")
+    return _source("values(message)", lines), {"encode": _encode}
 
 
-def _content_builder(field: _Field, index: int) -> Callable[[Sequence[Any]], Any]:
-    """Return a function that makes the value of a text, an array or a sequence."""
+def _source_of_build(message_type: Any) -> tuple[str, dict[str, Any]]:
+    """Return the source of a function that makes a message, and the names that it knows.
+
+    It takes the values of a layout, after the encapsulation.
+    """
+    lines: list[str] = []
+    names: dict[str, Any] = {"array": array.array, "frombuffer": np.frombuffer}
+
+    def add(part: Any, index: int) -> tuple[str, int]:
+        """Add the lines of a part; return its name and the index of the value that follows it."""
+        number = len(names)
+        own_name = f"message{number}"
+        # As `_maker` does, without its calls.
+        names[f"new{number}"] = functools.partial(part.__new__, part)
+        lines.append(f"{own_name} = new{number}()")
+        if _CHECK in part.__slots__:
+            lines.append(f"{own_name}.{_CHECK} = False")
+        for name, declared in part.get_fields_and_field_types().items():
+            if nested := _class_of(declared):
+                content, index = add(nested, index)
+            else:
+                (field,) = (field for field in _fields(part) if field.path == f"_{name}")
+                index += _count_values(field)
+                content = _source_of_content(field, f"values[{index - 1}]", names)
+            # Attributes of the class with this name check what they are given, these do not.
+            lines.append(f"{own_name}._{name} = {content}")
+        return own_name, index
+
+    whole, _ = add(message_type, 1)
+    lines.append(f"return {whole}")
+    return _source("build(values)", lines), names
+
+
+def _source_of_content(field: _Field, value: str, names: dict[str, Any]) -> str:
+    """Return the expression that makes a number, text, array or sequence of a value."""
     if field.kind == "text":
-        return lambda values: values[index][:-1].decode()
+        return f"{value}[:-1].decode()"
     if field.kind == "array":
-        kind = np.dtype(field.format)
+        names[f"dtype_{field.format}"] = np.dtype(field.format)
         # An array of a bytearray may be written to.
-        return lambda values: np.frombuffer(bytearray(values[index]), kind)
-    return lambda values: array.array(field.format, values[index])
+        return f"frombuffer(bytearray({value}), dtype_{field.format})"
+    if field.kind == "sequence":
+        return f"array({field.format!r}, {value})"
+    return value
+
+
+def _source(signature: str, lines: Sequence[str]) -> str:
+    return f"def {signature}:\n" + "".join(f"    {line}\n" for line in lines)
