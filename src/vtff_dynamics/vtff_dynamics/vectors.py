@@ -25,7 +25,8 @@ def cross(left: npt.ArrayLike, right: npt.ArrayLike) -> FloatArray:
 
 def is_finite(values: npt.ArrayLike) -> bool:
     """Return whether all numbers of a short vector or small matrix are finite."""
-    numbers = np.asarray(values, dtype=float).ravel().tolist()
+    array = np.asarray(values, dtype=float)
+    numbers = (array if array.ndim == 1 else array.ravel()).tolist()
     # What is not finite stays so in a sum. A sum may also exceed the largest number.
     return math.isfinite(sum(numbers)) or all(map(math.isfinite, numbers))
 

@@ -107,7 +107,7 @@ class StepSource:
     @property
     def is_complete(self) -> bool:
         """Whether every participant has finished the current step and all its data have come."""
-        return self._coordinator.complete and not any(True for _ in self._awaited_data())
+        return self._coordinator.complete and next(iter(self._awaited_data()), None) is None
 
     def begin(self, stamp_nanoseconds: int) -> None:
         """Begin the next step, named by its stamp in ns since 1970."""

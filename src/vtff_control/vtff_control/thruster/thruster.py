@@ -7,13 +7,14 @@ thruster of the reference system stands in `vtff_sim_bridge.thruster.can_thruste
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
-from vtff_dynamics.vectors import FloatArray, is_finite
+from vtff_dynamics.vectors import FloatArray
 
 
 @dataclass(frozen=True)
@@ -164,6 +165,7 @@ def _usable_acceleration(values: npt.ArrayLike) -> tuple[list[float], str]:
         return [0.0] * 3, "thrust command: not numeric"
     if acceleration.shape != (3,):
         return [0.0] * 3, f"thrust command: shape (3,) expected, got {acceleration.shape}"
-    if not is_finite(acceleration):
+    numbers = acceleration.tolist()
+    if not all(map(math.isfinite, numbers)):
         return [0.0] * 3, "thrust command: not finite"
-    return acceleration.tolist(), ""
+    return numbers, ""

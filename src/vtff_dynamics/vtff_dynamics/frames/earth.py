@@ -165,7 +165,7 @@ def _earth_motions(times: Sequence[GpsTime]) -> list[EarthMotion]:
     celestial_poles = np.array([brahe.bias_precession_nutation(epoch) for epoch in epochs])
     rotations = polar_motions @ np.array([_turn(time) for time in times]) @ celestial_poles
     angular_velocities = EARTH_ROTATION_RATE * polar_motions[:, :, 2]
-    minus_skew = -np.array([skew(vector) for vector in angular_velocities])
+    minus_skew = -_skew_matrices(angular_velocities)
     powers = [rotations]
     for _ in range(3):
         powers.append(minus_skew @ powers[-1])
@@ -176,6 +176,16 @@ def _earth_motions(times: Sequence[GpsTime]) -> list[EarthMotion]:
             matrices[:, 3 * n : 3 * n + 3, column : column + 3] = math.comb(n, k) * powers[k]
     rotations.flags.writeable = matrices.flags.writeable = False
     return list(map(EarthMotion, rotations, matrices))
+
+
+def _skew_matrices(vectors: FloatArray) -> FloatArray:
+    """Return `skew` of vectors of shape (n, 3), shape (n, 3, 3)."""
+    x, y, z = vectors.T
+    matrices = np.zeros((len(vectors), 3, 3))
+    matrices[:, 0, 1], matrices[:, 0, 2] = -z, y
+    matrices[:, 1, 0], matrices[:, 1, 2] = z, -x
+    matrices[:, 2, 0], matrices[:, 2, 1] = -y, x
+    return matrices
 
 
 class EarthMotionSeries:

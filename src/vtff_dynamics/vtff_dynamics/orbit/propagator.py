@@ -181,14 +181,14 @@ class Propagator:
 
     def _step_rk4(self) -> None:
         """Advance the state by one Runge-Kutta step."""
-        if not self._takes_thrust and self._thrust_derivative.any():
+        if not self._takes_thrust and any(self._thrust_derivative.tolist()):
             # The control callback costs a quarter of a step: free flight goes without it.
             self._takes_thrust = True
             self._brahe = None
         if self._brahe is None:
             self._brahe = self._new_brahe_propagator()
         self._brahe.step()
-        self._state_gcrf = np.array(self._brahe.current_state())
+        self._state_gcrf = self._brahe.current_state()
 
     def _step_euler(self) -> None:
         """Advance the state by one explicit Euler step."""

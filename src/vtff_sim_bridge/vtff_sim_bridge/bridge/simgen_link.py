@@ -296,4 +296,4 @@ def motion_state(motion: npt.NDArray[np.float64]) -> MotionState:
         Position and its derivatives in ITRF, and attitude and its derivatives; without these the
         body stays aligned with north, east and down.
     """
-    return MotionState(*(tuple(row) for row in motion.tolist()))
+    return MotionState(*map(tuple, motion.tolist()))

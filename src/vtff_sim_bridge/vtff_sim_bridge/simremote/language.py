@@ -11,6 +11,7 @@ from __future__ import annotations
 import datetime
 import enum
 import functools
+import itertools
 import math
 import re
 from collections.abc import Sequence
@@ -311,7 +312,7 @@ def format_motion(time_nanoseconds: int | None, vehicle_id: str, state: MotionSt
     ValueError
         If a number is not finite or a vector has not three; the message names the field.
     """
-    numbers = [float(number) for vector in state for number in vector]
+    numbers = list(map(float, itertools.chain.from_iterable(state)))
     if len(numbers) != len(MOT_FIELDS):
         raise ValueError(f"MOT: {len(MOT_FIELDS)} numbers expected, got {len(numbers)}")
     text = ",".join(map(repr, numbers))
