@@ -123,11 +123,10 @@ class Whitening(NamedTuple):
 
     def whiten(self, columns: FloatArray) -> FloatArray:
         """Return columns (n, m) of samples as those of independent samples, (n, m)."""
-        result = np.empty(columns.shape)
-        result[self.rows] = _innovations(
-            columns[self.rows], self.gain, self.decay, self.scale, self.response
+        innovations: FloatArray = _innovations(
+            columns, self.rows, self.gain, self.decay, self.scale, self.response
         )
-        return result
+        return innovations
 
 
 def estimate_noise(
@@ -147,6 +146,8 @@ def estimate_noise(
         The noise of nearly the same residuals, around which is searched; by default everywhere.
     """
     ordered, variance = residual[order.rows], 1.0 / weight[order.rows]
+    mappings = [order.mapping**power for power in _POWERS]
+    decays = [np.exp(-order.step / time) for time in _TIMES]
     known: dict[tuple[int, int, int], tuple[float, float]] = {}
 
     def likelihood(power: int, time: int, ratio: int) -> float:
@@ -154,8 +155,8 @@ def estimate_noise(
             known[power, time, ratio] = _likelihood(
                 ordered,
                 order.mapping,
-                _RATIOS[ratio] * order.mapping ** _POWERS[power],
-                np.exp(-order.step / _TIMES[time]),
+                _RATIOS[ratio] * mappings[power],
+                decays[time],
                 variance,
             )
         return known[power, time, ratio][0]
@@ -198,17 +199,21 @@ def _gains(response, decay, variance):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _innovations(columns, gain, decay, scale, response):  # type: ignore[no-untyped-def]
-    """Return normalised innovations of columns (n, m), see `_gains`."""
+def _innovations(columns, rows, gain, decay, scale, response):  # type: ignore[no-untyped-def]
+    """Return normalised innovations of columns (n, m) whose rows are filtered in an order.
+
+    `rows` (n,) is that order, and the order of the rest: see `_gains`.
+    """
     count, width = columns.shape
     result = np.empty((count, width))
     state = np.zeros(width)
-    for row in range(count):
+    for number in range(count):
+        row = rows[number]
         for column in range(width):
-            expected = decay[row] * state[column]
-            innovation = columns[row, column] - response[row] * expected
-            result[row, column] = scale[row] * innovation
-            state[column] = expected + gain[row] * innovation
+            expected = decay[number] * state[column]
+            innovation = columns[row, column] - response[number] * expected
+            result[row, column] = scale[number] * innovation
+            state[column] = expected + gain[number] * innovation
     return result
 
 

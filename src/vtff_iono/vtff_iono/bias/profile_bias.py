@@ -56,7 +56,6 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy import sparse
 
 from vtff_dynamics.vectors import FloatArray
 from vtff_iono.bias.altitude_shells import (
@@ -77,6 +76,7 @@ from vtff_iono.bias.expected_contents import (
     Knots,
 )
 from vtff_iono.bias.profile_solver import NormalEquations, ProfileSolution, solve_profile
+from vtff_iono.bias.single_columns import SingleColumns
 
 __all__ = ["ProfileBiases", "profile_biases"]
 
@@ -384,12 +384,12 @@ class _EffectColumns(NamedTuple):
     common : ndarray, shape (n, 6 knots + 7)
         Columns of the vertical contents and their gradients at the knots, in both layers, of their
         means, and of the wind-up.
-    single : csr_matrix
-        Columns of all other effects, one element in each row and kind.
+    single : SingleColumns
+        Columns of all other effects.
     """
 
     common: FloatArray
-    single: sparse.csr_matrix
+    single: SingleColumns
 
 
 class _WhitenedSamples(NamedTuple):
@@ -547,10 +547,7 @@ class _Problem:
         mapping = content / (self._vertical_paths @ np.exp(log_density))
         values = np.ones(self._column.shape)
         values[:, 0] = content
-        ends = np.arange(0, values.size + 1, values.shape[1])
-        single = sparse.csr_matrix(
-            (values.ravel(), self._column.ravel(), ends), shape=(len(content), self._columns)
-        )
+        single = SingleColumns(self._column, values, self._columns)
         at_knots = self._layers[shell_altitude].columns(self._knot_weights, mapping)
         mean = at_knots.reshape(len(content), 6, -1).sum(axis=2)
         return _EffectColumns(np.hstack((at_knots, mean, self._wind_up[:, np.newaxis])), single)
@@ -567,17 +564,15 @@ class _Problem:
         whiten, stec, paths = samples.whitening.whiten, samples.stec, samples.paths
         common = whiten(columns.common)
         # All samples of an arc have their elements in the same columns.
-        single = columns.single.copy()
-        single.data = whiten(single.data.reshape(len(stec), -1)).ravel()
-        mixed = single.T @ common
+        single = columns.single._replace(value=whiten(columns.single.value))
+        mixed = single.times_rows(common)
+        of_stec = single.times_rows(stec[:, np.newaxis])[:, 0]
         return NormalEquations(
             density=samples.density,
-            effects=np.block(
-                [[common.T @ common, mixed.T], [mixed, (single.T @ single).toarray()]]
-            ),
-            mixed=np.vstack((common.T @ paths, single.T @ paths)),
+            effects=np.block([[common.T @ common, mixed.T], [mixed, single.squares()]]),
+            mixed=np.vstack((common.T @ paths, single.times_rows(paths))),
             density_vector=samples.density_vector,
-            effects_vector=np.concatenate((common.T @ stec, single.T @ stec)),
+            effects_vector=np.concatenate((common.T @ stec, of_stec)),
         )
 
     def residual(self, solution: ProfileSolution, columns: _EffectColumns) -> FloatArray:
@@ -585,7 +580,7 @@ class _Problem:
         common, single = columns
         explained = self._paths @ np.exp(solution.log_density)
         explained += common @ solution.effects[: self.arcs.start]
-        return np.asarray(self.stec - explained - single @ solution.effects[self.arcs.start :])
+        return self.stec - explained - single.times(solution.effects[self.arcs.start :])
 
     def offsets(self, solution: ProfileSolution) -> tuple[FloatArray, FloatArray]:
         """Return the offsets of the arcs, TECU, and their variances, shape (arcs,).

@@ -16,7 +16,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import linalg
+from scipy.linalg import lapack
 
 from vtff_dynamics.vectors import FloatArray
 
@@ -62,16 +62,17 @@ class ProfileSolution:
     effects, effect_variance : ndarray, shape (m,)
     effects_per_log_density : ndarray, shape (m, n)
         Decrease of the effects where the logarithm of a density increases by one.
-    effect_factor, curvature_factor : (ndarray, bool)
-        Cholesky factors of the precision of effects for known densities, and of logarithms.
+    effect_factor, curvature_factor : ndarray, shapes (m, m) and (n, n)
+        Cholesky factors of the precision of effects for known densities, and of logarithms; upper
+        triangles, below which there may be anything.
     """
 
     log_density: FloatArray
     effects: FloatArray
     effect_variance: FloatArray
     effects_per_log_density: FloatArray
-    effect_factor: tuple[FloatArray, bool]
-    curvature_factor: tuple[FloatArray, bool]
+    effect_factor: FloatArray
+    curvature_factor: FloatArray
 
     def variance(self, per_log_density: FloatArray, per_effect: FloatArray) -> FloatArray:
         """Return the variances of r linear functions of logarithms (r, n) and effects (r, m)."""
@@ -81,8 +82,7 @@ class ProfileSolution:
             (by_density, self.curvature_factor),
             (per_effect, self.effect_factor),
         ):
-            solved = linalg.cho_solve(factor, rows.T, check_finite=False)
-            variance += np.einsum("ij,ji->i", rows, solved)
+            variance += np.einsum("ij,ji->i", rows, _solve(factor, rows.T))
         return variance
 
 
@@ -105,10 +105,10 @@ def solve_profile(
     log_density : ndarray, shape (n,)
         Logarithms of densities that the search begins with.
     """
-    factor = linalg.cho_factor(normal.effects + np.diag(effect_precision), check_finite=False)
+    factor = _factorise(normal.effects + np.diag(effect_precision))
     # Effects are `effects_without_density` minus `effects_per_density` times the densities.
-    effects_per_density = linalg.cho_solve(factor, normal.mixed, check_finite=False)
-    effects_without_density = linalg.cho_solve(factor, normal.effects_vector, check_finite=False)
+    effects_per_density = _solve(factor, normal.mixed)
+    effects_without_density = _solve(factor, normal.effects_vector)
     matrix = normal.density - normal.mixed.T @ effects_per_density
     vector = normal.density_vector - normal.mixed.T @ effects_without_density
     log_density, curvature = _find_maximum(
@@ -116,11 +116,11 @@ def solve_profile(
     )
     density = np.exp(log_density)
     # The inverse has its upper triangle only.
-    inverse, _ = linalg.lapack.dpotri(factor[0], lower=factor[1])
+    inverse, _ = lapack.dpotri(factor)
     # Derivatives of the effects with respect to the logarithms of the densities.
     derivative = effects_per_density * density
     variance = np.diag(inverse) + np.einsum(
-        "ij,ij->i", derivative, linalg.cho_solve(curvature, derivative.T, check_finite=False).T
+        "ij,ij->i", derivative, _solve(curvature, derivative.T).T
     )
     effects = effects_without_density - effects_per_density @ density
     return ProfileSolution(log_density, effects, variance, derivative, factor, curvature)
@@ -132,7 +132,7 @@ def _find_maximum(
     prior_precision: FloatArray,
     prior_vector: FloatArray,
     log_density: FloatArray,
-) -> tuple[FloatArray, tuple[FloatArray, bool]]:
+) -> tuple[FloatArray, FloatArray]:
     """Return the logarithms at the maximum, and the Cholesky factor of the curvature there."""
 
     def compute_cost(logarithm: FloatArray) -> float:
@@ -146,17 +146,15 @@ def _find_maximum(
         data_slope = density * (vector - matrix @ density)
         slope = data_slope + prior_vector - prior_precision @ log_density
         curvature = density[:, np.newaxis] * matrix * density + prior_precision
-        factor = linalg.cho_factor(curvature, check_finite=False)
-        if float(slope @ linalg.cho_solve(factor, slope, check_finite=False)) < _CONVERGED:
+        factor = _factorise(curvature)
+        if float(slope @ _solve(factor, slope)) < _CONVERGED:
             break
         while damping < _DAMPING_MOST:
             # Where the data ask for less density, the curvature of the exponential counts too:
             # without it the steps overshoot back and forth.
             diagonal = damping * np.diag(curvature) + np.maximum(-data_slope, 0.0)
             damped = curvature + np.diag(diagonal)
-            step = linalg.cho_solve(
-                linalg.cho_factor(damped, check_finite=False), slope, check_finite=False
-            )
+            step = _solve(_factorise(damped), slope)
             trial = log_density + np.clip(step, -_LARGEST_STEP, _LARGEST_STEP)
             trial_cost = compute_cost(trial)
             if trial_cost < cost:
@@ -167,3 +165,22 @@ def _find_maximum(
         else:
             break
     return log_density, factor
+
+
+def _factorise(matrix: FloatArray) -> FloatArray:
+    """Return the Cholesky factor of a positive definite matrix, an upper triangle.
+
+    LAPACK is called here and in `_solve`, because `scipy.linalg` takes as long to look at arguments
+    of this size as LAPACK takes to compute.
+    """
+    factor: FloatArray
+    factor, failed = lapack.dpotrf(matrix, clean=False)
+    if failed:
+        raise np.linalg.LinAlgError("a precision matrix is not positive definite")
+    return factor
+
+
+def _solve(factor: FloatArray, right: FloatArray) -> FloatArray:
+    """Return the solution of equations for right sides (n,) or (n, k); see `_factorise`."""
+    solution: FloatArray = lapack.dpotrs(factor, right)[0]
+    return solution
