@@ -20,12 +20,12 @@ from vtff_gnss.constants import FLAG_CODE_VALID, FLAG_PHASE_VALID, SYSTEM_GPS
 from vtff_gnss.ephemeris import BroadcastEphemeris
 from vtff_gnss.observations import OBSERVATION_COLUMNS
 from vtff_gnss.orbits import line_of_sight
-from vtff_iono.bias import arc_noise, pair_equations
+from vtff_iono.bias import arc_noise, pair_equations, single_columns
 from vtff_iono.bias.code_biases import CodeBiasTable
 from vtff_iono.density import differential_tec, electron_density
 from vtff_iono.density.electron_density import DensitySettings
 from vtff_iono.density.formation_density import DensityResult, FormationDensity
-from vtff_iono.edges import wall_fit
+from vtff_iono.edges import wall_fit, wall_search
 from vtff_iono.edges.boundary import Boundary
 from vtff_iono.edges.ray_edges import RayEdgeFinder, RayEdgeSettings
 from vtff_iono.edges.vertical_edges import VerticalEdgeFinder
@@ -235,9 +235,11 @@ def compile_kernels() -> None:
     line_of_sight.compile_kernels()
     pair_equations.compile_kernels()
     arc_noise.compile_kernels()
+    single_columns.compile_kernels()
     differential_tec.compile_kernels()
     electron_density.compile_kernels()
     wall_fit.compile_kernels()
+    wall_search.compile_kernels()
     high_pass.compile_kernels()
     formation_second.compile_kernels()
     # Two signals of a satellite, at no known place.

@@ -22,7 +22,6 @@ is negative, which limits what was not seen.
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -40,6 +39,13 @@ from vtff_iono.edges.wall_fit import (
     WALL,
     fit_wall,
 )
+from vtff_iono.edges.wall_search import (
+    FEWEST_AT_END,
+    MEANS,
+    STEEPEST,
+    find_walls,
+    fit_places,
+)
 from vtff_iono.edges.wall_width import WidthsByShape
 
 __all__ = ["DensityEdgeDetector"]
@@ -48,20 +54,10 @@ __all__ = ["DensityEdgeDetector"]
 _NARROWEST = 100.0
 # Rows of the table of a profile at first.
 _FIRST_ROWS = 256
-# Largest number of means that a fit uses.
-_MEANS = 24
-# Fewest means on either side of a wall while densities go on, and where they have ended or go on
-# again.
-_FEWEST_SAMPLES, _FEWEST_AT_END = 3, 1
-# A distance between densities is a gap if it is longer than the mean one by this factor.
-_GAP = 3.0
+# Fewest means on either side of a wall while densities go on.
+_FEWEST_SAMPLES = 3
 # s; densities on both sides of a longer gap are not compared.
 _LONGEST_GAP = 30.0
-# A change of this part of the sigmas that are asked for is told as a doubtful edge.
-_DOUBTFUL = 0.8
-# 1/m; sigma of how fast the logarithm of the density changes with altitude beside a wall. Below the
-# peak of a layer it is the inverse of a part of the scale height (Chapman 1931).
-_STEEPEST = 1.0 / 10e3
 # Where a wall is, is found from this many means at most, among so many places and these widths, m.
 _MEANS_OF_PLACE, _PLACES = 40, 51
 _WIDTHS = (0.0, 0.7e3, 1.2e3, 2e3, 3e3, 4e3, 5e3, 6e3, 7e3, 8.5e3, 10e3, 12e3, 14e3, 17e3, 20e3)
@@ -77,12 +73,8 @@ _SHAPES = (WALL, SMOOTH_WALL)
 _BEYOND = 500.0
 # Largest correlation of means that follow each other.
 _LARGEST_CORRELATION = 0.8
-# The change of a wall is at least this part of what the straight line changes over the window.
-_SHAPE = 0.3
-# Where the straight line goes against the wall by more than this part, it may be the foot of a
-# wider wall beside it: it is thinner than what smears it, whose shape is known, and a kink at none
-# of these distances, in half lengths of the wall, fits nearly as well.
-_SHAPE_AGAINST = 1.0
+# Where the straight line goes against the wall, a kink at none of these distances, in half lengths
+# of the wall, fits nearly as well.
 _KINKS = (-1.0, -0.5, 0.0, 0.5, 1.0)
 # A parabola and a layer fit the window worse than the wall by this sum of squares over sigmas; how
 # often the fit of a layer, which is not linear, is improved.
@@ -192,18 +184,20 @@ class DensityEdgeDetector:
     ) -> None:
         self._relative_change = relative_change
         self._sigmas = sigmas
-        # Widths of walls with the margins beside them.
-        self._windows = [(width, margin) for width in widths]
-        self._windows += [(width, wide_margin) for width in widths if width < wide_margin]
+        # Widths of walls with the margins beside them, shapes (k,).
+        windows = [(width, margin) for width in widths]
+        windows += [(width, wide_margin) for width in widths if width < wide_margin]
+        self._widths, self._margins = np.array(windows, dtype=float).T.copy()
         self._profile = _Profile()
         # Whether densities had ended before this profile; at the very first nothing was lost.
         self._has_ended = False
         self._direction = 0.0  # 1 in a climb, -1 in a descent
         self._candidates: list[_Candidate] = []
         self._told: list[_Candidate] = []
-        self._examined_to = dict.fromkeys(self._windows, -math.inf)
+        # Places up to which the windows were fitted, and the half windows, m.
+        self._examined_to = np.full(len(windows), -math.inf)
+        self._reaches = np.zeros(len(windows))
         self._fewest = _FEWEST_SAMPLES
-        self._longest_reach = 0.0
 
     def update(
         self,
@@ -248,13 +242,10 @@ class DensityEdgeDetector:
             self._direction = direction
         self._profile.add((time, altitude, density, fast_sigma, common_sigma), slow_parts or {})
         self._length, self._slow_time = max(abs(separation), _NARROWEST), slow_time
-        reaches = {window: _reach(*window, self._length) for window in self._windows}
-        self._longest_reach = max(reaches.values())
-        self._profile.forget_beyond(2.5 * self._longest_reach)
+        self._reaches = 0.55 * (self._widths + self._length) + self._margins
+        self._profile.forget_beyond(2.5 * float(self._reaches.max()))
         last = self._direction * altitude
-        advance = self._advance()
-        for window, reach in reaches.items():
-            self._examine(advance, window, last - reach)
+        self._examine(last)
         return edges + self._confirmed(last)
 
     def flush_after_gap(self, time: float) -> list[Edge]:
@@ -267,16 +258,14 @@ class DensityEdgeDetector:
         """Return the edges that wait for confirmation, and start anew."""
         if len(self._profile):
             # What is missing behind a wall does not come any more.
-            self._fewest = _FEWEST_AT_END
-            advance = self._advance()
-            for window in self._windows:
-                self._examine(advance, window, math.inf)
+            self._fewest = FEWEST_AT_END
+            self._examine(math.inf)
             self._fewest = _FEWEST_SAMPLES
             self._has_ended = True
         edges = self._confirmed(math.inf)
         self._profile = _Profile()
         self._candidates, self._told = [], []
-        self._examined_to = dict.fromkeys(self._windows, -math.inf)
+        self._examined_to[:] = -math.inf
         return edges
 
     def _confirmed(self, advance: float) -> list[Edge]:
@@ -289,7 +278,7 @@ class DensityEdgeDetector:
             # no wall that is sure.
             is_doubtful = candidate.edge.is_doubtful
             hiding = [told for told in self._told if is_doubtful or not told.edge.is_doubtful]
-            reach = self._longest_reach if is_doubtful else candidate.reach
+            reach = float(self._reaches.max()) if is_doubtful else candidate.reach
             if any(candidate.contains(told) for told in hiding):
                 self._candidates.remove(candidate)
             elif candidate.advance + _CONFIRMED * reach <= advance:
@@ -310,70 +299,69 @@ class DensityEdgeDetector:
         # Increasing, because a turn begins a new profile.
         return np.asarray(self._direction * self._profile.samples[:, 1])
 
-    def _examine(self, advance: FloatArray, window: tuple[float, float], limit: float) -> None:
-        """Fit walls of a window (width, margin) in all places up to a limit that are new, m."""
-        begin = int(advance.searchsorted(self._examined_to[window], "right"))
-        end = int(advance.searchsorted(limit, "right"))
-        if end == begin:
-            return
-        # As a rule one place, for which numbers are faster than arrays.
-        places = advance[max(begin - 1, 0) : end].tolist()
-        self._examined_to[window] = places[-1]
-        longest = _GAP * float(advance[-1] - advance[0]) / max(len(advance) - 1, 1)
-        # A wall may be in a gap too.
-        in_gaps = [
-            after - 0.5 * (after - before)
-            for before, after in itertools.pairwise(places)
-            if after - before > longest
-        ]
-        for middle in sorted((*places[begin > 0 :], *in_gaps)):
-            self._fit(advance, middle, window)
+    def _examine(self, last: float) -> None:
+        """Fit walls of all windows in all places that are new; `last` as in `find_walls`."""
+        walls = find_walls(
+            self._profile.samples,
+            self._profile.slow_parts,
+            self._direction,
+            self._length,
+            self._slow_time,
+            self._widths,
+            self._reaches,
+            self._examined_to,
+            last,
+            self._has_ended,
+            self._fewest,
+            self._sigmas,
+            self._relative_change,
+        )
+        for window, fewest, *wall in walls.tolist():
+            self._keep_if_wall(int(window), int(fewest), *wall)
 
-    def _fit(self, advance: FloatArray, middle: float, window: tuple[float, float]) -> None:
-        """Fit a line and a wall in the middle of a window (width, margin); keep it if it is one."""
-        width, _ = window
-        reach = _reach(*window, self._length)
+    def _keep_if_wall(
+        self,
+        window: int,
+        fewest: int,
+        middle: float,
+        level: float,
+        slope: float,
+        change: float,
+        sigma: float,
+        misfit: float,
+        freedom: float,
+        is_against: float,
+    ) -> None:
+        """Keep a wall that nothing smooth fits nearly as well; arguments as of `find_walls`."""
+        width, reach = float(self._widths[window]), float(self._reaches[window])
+        advance = self._advance()
         first, end = advance.searchsorted((middle - reach, middle + reach)).tolist()
         samples = self._profile.samples[first:end]
         slow = self._profile.slow_parts[first:end]
-        # What is missing before densities go on does not come any more either.
-        is_cut = self._has_ended and advance[0] > middle - reach
-        fewest = _FEWEST_AT_END if is_cut else self._fewest
-        is_fitted, level, slope, change, sigma, misfit, freedom, _ = self._fit_wall(
-            samples, slow, middle, reach, width, fewest=fewest
-        )
-        if not is_fitted:
-            return
-        before, after = level - 0.5 * change, level + 0.5 * change
-        largest = max(before, after)
-        is_against = slope * change < 0.0 and abs(change) < _SHAPE_AGAINST * 2.0 * abs(slope)
-        if not (
-            largest > 0.0
-            and min(before, after) >= -self._sigmas * sigma
-            and abs(change) >= _DOUBTFUL * self._sigmas * sigma
-            and abs(change) >= self._relative_change * largest
-            and abs(change) >= _SHAPE * 2.0 * abs(slope)
-            and not (is_against and width > self._length)
-        ):
-            return
         # All are fitted as unsurely as the wall is.
         smooth = [(PARABOLA, 1, 0.0), (LAYER, _PASSES_OF_LAYER, 0.0)]
         if is_against:
             half_length = 0.5 * (width + self._length)
             smooth += [(KINK, 1, place * half_length) for place in _KINKS]
         for kind, passes, beside in smooth:
-            instead = self._fit_wall(
+            instead = fit_wall(
                 samples,
                 slow,
+                self._direction,
                 middle + beside,
                 reach,
                 width,
-                fewest=0 if kind == KINK else fewest,
-                passes=passes,
-                kind=kind,
+                self._length,
+                self._slow_time,
+                STEEPEST,
+                MEANS,
+                0 if kind == KINK else fewest,
+                passes,
+                kind,
             )
             if instead[0] and instead[5] - misfit < _STANDS_OUT * max(1.0, misfit / freedom):
                 return
+        before, after = level - 0.5 * change, level + 0.5 * change
         significance = abs(change) / sigma
         climb, duration = np.abs(samples[-1] - samples[0])[[1, 0]].tolist()
         edge = Edge(
@@ -389,36 +377,6 @@ class DensityEdgeDetector:
         )
         self._candidates.append(_Candidate(significance, middle, width, reach, edge))
 
-    def _fit_wall(
-        self,
-        samples: FloatArray,
-        slow: FloatArray,
-        middle: float,
-        reach: float,
-        width: float,
-        most_means: int = _MEANS,
-        fewest: int = 0,
-        passes: int = 1,
-        kind: int = WALL,
-    ) -> tuple[bool, float, float, float, float, float, int, float]:
-        """Return a fit of a line and a wall, or of what is smooth, to densities; see `fit_wall`."""
-        fit: tuple[bool, float, float, float, float, float, int, float] = fit_wall(
-            samples,
-            slow,
-            self._direction,
-            middle,
-            reach,
-            width,
-            self._length,
-            self._slow_time,
-            _STEEPEST,
-            most_means,
-            fewest,
-            passes,
-            kind,
-        )
-        return fit
-
     def _located(self, candidate: _Candidate) -> Edge:
         """Return the edge of a candidate in its place: the mean over likely places and widths."""
         advance = self._advance()
@@ -433,27 +391,26 @@ class DensityEdgeDetector:
         low = middle - span - (unseen if advance[0] > middle - reach else 0.0)
         high = middle + span + (unseen if advance[-1] < middle + reach else 0.0)
         places = np.linspace(low, high, _PLACES)
-        misfits = np.full((len(_SHAPES), len(_PASSES_OF_PLACE), len(_WIDTHS), len(places)), np.inf)
-        least, freedom, of_best = math.inf, 1, 0.0
-        for index in np.ndindex(misfits.shape):
-            passes, width_tried = _PASSES_OF_PLACE[index[1]], _WIDTHS[index[2]]
-            fit = self._fit_wall(
-                samples,
-                slow,
-                float(places[index[3]]),
-                reach,
-                width_tried,
-                _MEANS_OF_PLACE,
-                passes=passes,
-                kind=_SHAPES[index[0]],
-            )
-            is_fitted, level, _, change, sigma, misfit, freedom_of_fit, correlation = fit
-            # No density is negative, also where a wall was not seen to its end.
-            is_possible = is_fitted and level - 0.5 * abs(change) >= -sigma
-            if is_possible and (change < 0.0) == candidate.edge.is_entry:
-                misfits[index] = misfit
-                if index[0] == 0 and misfit < least:
-                    least, freedom, of_best = misfit, freedom_of_fit, correlation
+        level, change, sigma, misfits, freedoms, correlations = fit_places(
+            samples,
+            slow,
+            self._direction,
+            places,
+            reach,
+            np.array(_WIDTHS),
+            self._length,
+            self._slow_time,
+            _MEANS_OF_PLACE,
+            np.array(_PASSES_OF_PLACE),
+            np.array(_SHAPES),
+        )
+        # No density is negative, also where a wall was not seen to its end.
+        is_possible = level - 0.5 * np.abs(change) >= -sigma
+        misfits[~(is_possible & ((change < 0.0) == candidate.edge.is_entry))] = np.inf
+        # The best one rises linearly.
+        best = np.unravel_index(np.argmin(misfits[0]), misfits[0].shape)
+        least, freedom = float(misfits[0][best]), float(freedoms[0][best])
+        of_best = float(correlations[0][best])
         if not math.isfinite(least):
             return candidate.edge
         # What is no line and no wall is an error too. Where errors of fades go on from one mean to
@@ -507,8 +464,3 @@ def _per_step(weight: FloatArray, places: FloatArray) -> float:
     near = near[of_width[near] > 0.0]
     place = weight[near] @ places / of_width[near]
     return float(np.ptp(place)) / max(len(place) - 1, 1)
-
-
-def _reach(width: float, margin: float, length: float) -> float:
-    """Return the half window of a wall with a margin beside it, m."""
-    return 0.55 * (width + length) + margin

@@ -9,6 +9,8 @@ import numpy as np
 from vtff_dynamics.compiled import compiled
 
 __all__ = [
+    "DISTANCE",
+    "FEWEST_SAMPLES",
     "KINK",
     "LAYER",
     "PARABOLA",
@@ -16,7 +18,11 @@ __all__ = [
     "SMOOTH_WALL",
     "WALL",
     "compile_kernels",
+    "factorise_errors",
+    "fit_means",
     "fit_wall",
+    "mean_samples",
+    "place_means",
 ]
 
 WALL, PARABOLA, LAYER, KINK, SMOOTH_WALL = range(5)
@@ -25,8 +31,14 @@ WALL, PARABOLA, LAYER, KINK, SMOOTH_WALL = range(5)
 SAMPLE_COLUMNS = 5
 """Columns of the samples of `fit_wall`."""
 
-# Fewest samples of a fit.
-_FEWEST_SAMPLES = 6
+DISTANCE = 1
+"""Column of the distance from the wall in the means of samples."""
+
+FEWEST_SAMPLES = 6
+"""Fewest samples of a fit."""
+
+# What `fit_wall` returns without a fit.
+_NO_FIT = (False, 0.0, 0.0, 0.0, 0.0, 0.0, 0, 0.0)
 # Largest difference of the densities beside a wall over their mean: neither is negative.
 _LARGEST_CONTRAST = 1.9
 # Most passes in which the density beside a wall is a straight line.
@@ -99,74 +111,94 @@ def fit_wall(  # type: ignore[no-untyped-def]
     correlation : float
         That of the residuals of means that follow each other, whose errors should have none.
     """
+    if len(samples) < FEWEST_SAMPLES:
+        return _NO_FIT
+    means, parts, number = mean_samples(samples, slow, most_means)
+    place_means(means, samples, number, direction, middle)
+    half_length = 0.5 * (width + length)
+    before = behind = 0
+    for row in range(len(means)):
+        before += means[row, DISTANCE] < -half_length
+        behind += means[row, DISTANCE] > half_length
+    if min(before, behind) < fewest:
+        return _NO_FIT
+    is_positive, factor, mean_variance = factorise_errors(means, parts, number, slow_time)
+    if not is_positive:
+        return _NO_FIT
+    return fit_means(means, factor, mean_variance, reach, width, length, steepest, passes, kind)
+
+
+@compiled
+def mean_samples(samples, slow, most_means):  # type: ignore[no-untyped-def]
+    """Return means of samples that follow each other, without their distances from a wall.
+
+    Parameters
+    ----------
+    samples, slow, most_means
+        As in `fit_wall`; one sample or more.
+
+    Returns
+    -------
+    means : ndarray, shape (k, 5)
+        Time, distance from the wall, density, and variances of its fast and common error.
+    parts : ndarray, shape (k, m)
+        Changes of the densities by one sigma of each slow error.
+    number : ndarray, shape (k,)
+        Number of samples of each mean.
+    """
     count = len(samples)
-    nothing = (False, 0.0, 0.0, 0.0, 0.0, 0.0, 0, 0.0)
-    if count < _FEWEST_SAMPLES:
-        return nothing
-    # Means of groups of samples.
-    most = min(count, most_means)
-    number = np.zeros(most)
-    means = np.zeros((most, 5))  # time, distance, density, variances
-    parts = np.zeros((most, slow.shape[1]))
-    group, last = -1, -1
+    groups = min(count, most_means)
+    number = np.zeros(groups)
+    means = np.zeros((groups, SAMPLE_COLUMNS))
+    parts = np.zeros((groups, slow.shape[1]))
     for row in range(count):
-        now = row * most // count
-        if now != last:
-            group += 1
-            last = now
+        group = row * groups // count
         number[group] += 1.0
         means[group, 0] += samples[row, 0] - samples[0, 0]
-        means[group, 1] += direction * samples[row, 1] - middle
         means[group, 2] += samples[row, 2]
         means[group, 3] += samples[row, 3] ** 2
         means[group, 4] += samples[row, 4] ** 2
         for column in range(slow.shape[1]):
             parts[group, column] += slow[row, column]
-    groups = group + 1
-    before, behind = 0, 0
-    half_length = 0.5 * (width + length)
-    rounded, smeared = max(width, 1e-3), max(length, 1e-3)
-    deviation = rounded / math.sqrt(12.0)
-    walls = np.empty(groups)
-    mean_density = 0.0
-    for row in range(groups):
-        for column in range(5):
-            means[row, column] /= number[row]
+    for group in range(groups):
+        for column in range(SAMPLE_COLUMNS):
+            means[group, column] /= number[group]
         for column in range(slow.shape[1]):
-            parts[row, column] /= number[row]
-        distance = means[row, 1]
-        before += distance < -half_length
-        behind += distance > half_length
-        mean_density += means[row, 2] / groups
-        if kind == SMOOTH_WALL:
-            # What is smeared is the integral of the error function, at both ends of the length.
-            walls[row] = -0.5
-            for side in (-1.0, 1.0):
-                place = distance + 0.5 * side * smeared
-                normal_place = place / deviation
-                integral = 0.5 * place * (1.0 + math.erf(normal_place / math.sqrt(2.0)))
-                density = math.exp(-0.5 * normal_place**2) / math.sqrt(2.0 * math.pi)
-                walls[row] += side * (integral + deviation * density) / smeared
-            continue
-        if kind != WALL:
-            walls[row] = abs(distance) / reach if kind == KINK else (distance / reach) ** 2
-            continue
-        # A wall that rises linearly over its width, averaged over the length.
-        walls[row] = (
-            max(distance + 0.5 * (rounded + smeared), 0.0) ** 2
-            - max(distance - 0.5 * (rounded - smeared), 0.0) ** 2
-            - max(distance - 0.5 * (smeared - rounded), 0.0) ** 2
-            + max(distance - 0.5 * (rounded + smeared), 0.0) ** 2
-        ) / (2.0 * rounded * smeared) - 0.5
-    if min(before, behind) < fewest:
-        return nothing
-    # The Cholesky factor of the covariance makes the errors of the rows independent.
+            parts[group, column] /= number[group]
+    return means, parts, number
+
+
+@compiled
+def place_means(means, samples, number, direction, middle):  # type: ignore[no-untyped-def]
+    """Set the distances of means from a wall; arguments as in `fit_wall` and `mean_samples`."""
+    count, groups = len(samples), len(means)
+    means[:, DISTANCE] = 0.0
+    for row in range(count):
+        means[row * groups // count, DISTANCE] += direction * samples[row, 1] - middle
+    for group in range(groups):
+        means[group, DISTANCE] /= number[group]
+
+
+@compiled
+def factorise_errors(means, parts, number, slow_time):  # type: ignore[no-untyped-def]
+    """Return the factor that makes the errors of means independent; see `mean_samples`.
+
+    Returns
+    -------
+    is_positive : bool
+        Whether the covariance has a factor.
+    factor : ndarray, shape (k, k)
+        Cholesky factor of the covariance of the means, a lower triangle.
+    mean_variance : float
+        Mean of their variances.
+    """
+    groups = len(means)
     factor = np.zeros((groups, groups))
     mean_variance = 0.0
     for row in range(groups):
         for other in range(row + 1):
             total = 0.0
-            for column in range(slow.shape[1]):
+            for column in range(parts.shape[1]):
                 total += parts[row, column] * parts[other, column]
             total *= math.exp(-abs(means[row, 0] - means[other, 0]) / slow_time)
             # Errors of an estimate and of a better one differ by what was learned between them.
@@ -181,7 +213,55 @@ def fit_wall(  # type: ignore[no-untyped-def]
             elif total > 0.0:
                 factor[row, row] = math.sqrt(total)
             else:
-                return nothing
+                return False, factor, mean_variance
+    return True, factor, mean_variance
+
+
+@compiled
+def _wall_shape(distance, reach, width, length, kind):  # type: ignore[no-untyped-def]
+    """Return the part of a wall at a distance from its middle, or of what is fitted instead."""
+    rounded, smeared = max(width, 1e-3), max(length, 1e-3)
+    if kind == SMOOTH_WALL:
+        # What is smeared is the integral of the error function, at both ends of the length.
+        deviation = rounded / math.sqrt(12.0)
+        part = -0.5
+        for side in (-1.0, 1.0):
+            place = distance + 0.5 * side * smeared
+            normal_place = place / deviation
+            integral = 0.5 * place * (1.0 + math.erf(normal_place / math.sqrt(2.0)))
+            density = math.exp(-0.5 * normal_place**2) / math.sqrt(2.0 * math.pi)
+            part += side * (integral + deviation * density) / smeared
+        return part
+    if kind != WALL:
+        return abs(distance) / reach if kind == KINK else (distance / reach) ** 2
+    # A wall that rises linearly over its width, averaged over the length.
+    return (
+        max(distance + 0.5 * (rounded + smeared), 0.0) ** 2
+        - max(distance - 0.5 * (rounded - smeared), 0.0) ** 2
+        - max(distance - 0.5 * (smeared - rounded), 0.0) ** 2
+        + max(distance - 0.5 * (rounded + smeared), 0.0) ** 2
+    ) / (2.0 * rounded * smeared) - 0.5
+
+
+@compiled
+def fit_means(  # type: ignore[no-untyped-def]
+    means, factor, mean_variance, reach, width, length, steepest, passes, kind
+):
+    """Fit a line and a wall to means of samples.
+
+    Parameters
+    ----------
+    means, factor, mean_variance
+        As `mean_samples`, `place_means` and `factorise_errors` return them.
+    reach, width, length, steepest, passes, kind
+        As in `fit_wall`, as what is returned.
+    """
+    groups = len(means)
+    walls = np.empty(groups)
+    mean_density = 0.0
+    for row in range(groups):
+        mean_density += means[row, 2] / groups
+        walls[row] = _wall_shape(means[row, DISTANCE], reach, width, length, kind)
     slope_sigma = steepest * reach * (abs(mean_density) + math.sqrt(mean_variance))
     # A layer begins as a constant; its parameters are the logarithm of the density, how that
     # changes over `reach`, and its curvature.
@@ -195,7 +275,7 @@ def fit_wall(  # type: ignore[no-untyped-def]
     for _ in range(passes):
         for row in range(groups):
             table[row, 0] = 1.0
-            place = means[row, 1] / reach
+            place = means[row, DISTANCE] / reach
             if abs(growth) > _LEAST_GROWTH:
                 place = (math.exp(growth * place) - 1.0) / growth
             table[row, 1] = place * (1.0 + ratio * walls[row])
@@ -235,7 +315,7 @@ def fit_wall(  # type: ignore[no-untyped-def]
         )
         determinant = a * inverse[0, 0] + b * inverse[1, 0] + c * inverse[2, 0]
         if not determinant > 0.0:
-            return nothing
+            return _NO_FIT
         for row in range(3):
             solution[row] = 0.0
             for column in range(3):
