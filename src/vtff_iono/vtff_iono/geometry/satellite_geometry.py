@@ -93,21 +93,8 @@ def satellite_geometry(
     time = np.broadcast_to(np.asarray(time, dtype=np.int64), (rows,))
     position = np.broadcast_to(np.asarray(position_receiver_itrf, dtype=float), (rows, 3))
     result = SatelliteGeometry.unknown(rows)
-    starts = np.flatnonzero(np.diff(time, prepend=time[:1] - 1)) if rows else np.zeros(0, int)
-    ends = np.append(starts[1:], rows)
-    for first, last, table in _epochs_of_tables(store, time[starts]):
-        rows_of_epochs = slice(starts[first], ends[last - 1])
-        epoch_of_row = np.repeat(np.arange(last - first), ends[first:last] - starts[first:last])
-        _fill_rows(
-            result,
-            rows_of_epochs,
-            table,
-            time[starts[first:last]],
-            position[starts[first:last]],
-            epoch_of_row,
-            satellite_number(system[rows_of_epochs], prn[rows_of_epochs]),
-            compiled,
-        )
+    satellite = satellite_number(system, prn)
+    _fill_satellites(result, np.arange(rows), store, time, satellite, position, compiled)
     return result
 
 
@@ -153,23 +140,51 @@ def geometry_from_stores(
     """
     position = np.broadcast_to(np.asarray(position_receiver_itrf, dtype=float), (len(prn), 3))
     result = SatelliteGeometry.unknown(len(prn))
+    satellite = satellite_number(system, prn)
     for number, store in stores.items():
         rows = np.flatnonzero(system == number)
-        if len(rows) and len(store):
-            geometry = satellite_geometry(
-                store, time[rows], system[rows], prn[rows], position[rows]
-            )
-            result.elevation[rows] = geometry.elevation
-            result.azimuth[rows] = geometry.azimuth
-            result.direction_itrf[rows] = geometry.direction_itrf
-            result.range[rows] = geometry.range
-            result.velocity_satellite_itrf[rows] = geometry.velocity_satellite_itrf
+        if len(store):
+            _fill_satellites(result, rows, store, time[rows], satellite[rows], position, True)
     return result
+
+
+def _fill_satellites(
+    result: SatelliteGeometry,
+    rows: npt.NDArray[np.intp],
+    store: SatelliteOrbits,
+    time: npt.NDArray[np.int64],
+    satellite: npt.NDArray[np.int64],
+    position: FloatArray,
+    compiled: bool,
+) -> None:
+    """Fill in some rows, whose satellites have their orbits in one store.
+
+    `time` and `satellite` (a `satellite_number`) are those of these rows, `position` those of all
+    rows of the result.
+    """
+    if not len(rows):
+        return
+    starts = np.flatnonzero(np.diff(time, prepend=time[0] - 1))
+    ends = np.append(starts[1:], len(rows))
+    time_of_epoch, position_of_epoch = time[starts], position[rows[starts]]
+    for first, last, table in _epochs_of_tables(store, time_of_epoch):
+        epochs = slice(first, last)
+        rows_of_epochs = slice(starts[first], ends[last - 1])
+        _fill_rows(
+            result,
+            rows[rows_of_epochs],
+            table,
+            time_of_epoch[epochs],
+            position_of_epoch[epochs],
+            np.repeat(np.arange(last - first), ends[epochs] - starts[epochs]),
+            satellite[rows_of_epochs],
+            compiled,
+        )
 
 
 def _fill_rows(
     result: SatelliteGeometry,
-    rows_of_epochs: slice,
+    rows: npt.NDArray[np.intp],
     table: SatelliteTable,
     time: npt.NDArray[np.int64],
     position: FloatArray,
@@ -208,7 +223,7 @@ def _fill_rows(
     has_sight = (number_of_column[column] == satellite) & has_position[epoch_of_row]
     row = np.flatnonzero(has_sight)
     epoch_and_column = (epoch_of_row[row], column[row])
-    target = rows_of_epochs.start + row
+    target = rows[row]
     result.elevation[target] = sight.elevation[epoch_and_column]
     result.azimuth[target] = sight.azimuth[epoch_and_column]
     result.direction_itrf[target] = sight.direction_itrf[epoch_and_column]
