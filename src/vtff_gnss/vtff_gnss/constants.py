@@ -67,6 +67,9 @@ and square metre (IERS Conventions 2010, eq. 9.27)."""
 ELECTRONS_PER_TECU = 1e16
 """Electrons per square metre in one TEC unit."""
 
+DELAY_PER_TECU = IONOSPHERIC_DELAY_CONSTANT * ELECTRONS_PER_TECU
+"""First-order delay of one TEC unit times the square of the frequency, m Hz2."""
+
 GRAVITATIONAL_PARAMETER_BROADCAST = {SYSTEM_GPS: 3.986005e14, SYSTEM_GALILEO: 3.986004418e14}
 """m3/s2, by system, for broadcast elements only (IS-GPS-200 table 20-IV; Galileo OS SIS ICD)."""
 

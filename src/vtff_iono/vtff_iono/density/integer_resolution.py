@@ -39,7 +39,7 @@ import numpy as np
 
 from vtff_dynamics.constants import SPEED_OF_LIGHT
 from vtff_dynamics.vectors import FloatArray
-from vtff_gnss.constants import ELECTRONS_PER_TECU, IONOSPHERIC_DELAY_CONSTANT
+from vtff_gnss.constants import DELAY_PER_TECU
 from vtff_iono.links.geometry_free import tecu_per_metre
 
 __all__ = ["FloatingContent", "IntegerResolver", "WeightedMean"]
@@ -174,7 +174,7 @@ class IntegerResolver:
         self._first_tecu = scale * SPEED_OF_LIGHT / frequency_first
         second_tecu = scale * SPEED_OF_LIGHT / frequency_second
         self._both_tecu = self._first_tecu - second_tecu
-        delay = IONOSPHERIC_DELAY_CONSTANT * ELECTRONS_PER_TECU / SPEED_OF_LIGHT
+        delay = DELAY_PER_TECU / SPEED_OF_LIGHT
         self.cycles_per_tecu = delay * (1.0 / frequency_second - 1.0 / frequency_first)
         # Noise of the phases of both signals, equal in cycles, in a wide lane, relative to that in
         # the content: its variance, 1/TECU^2, and its covariance with that, 1/TECU.

@@ -8,7 +8,7 @@ and receiver (code), or plus a constant for each arc (phase).
 
 from __future__ import annotations
 
-from vtff_gnss.constants import ELECTRONS_PER_TECU, IONOSPHERIC_DELAY_CONSTANT
+from vtff_gnss.constants import DELAY_PER_TECU
 
 __all__ = ["tecu_per_metre"]
 
@@ -30,5 +30,4 @@ def tecu_per_metre(frequency_first: float, frequency_second: float) -> float:
         raise ValueError(f"frequencies must be positive: {frequency_first}, {frequency_second} Hz")
     if frequency_first == frequency_second:
         raise ValueError(f"the two frequencies are equal: {frequency_first} Hz")
-    delay = IONOSPHERIC_DELAY_CONSTANT * ELECTRONS_PER_TECU
-    return 1.0 / (delay * (1.0 / frequency_second**2 - 1.0 / frequency_first**2))
+    return 1.0 / (DELAY_PER_TECU * (1.0 / frequency_second**2 - 1.0 / frequency_first**2))

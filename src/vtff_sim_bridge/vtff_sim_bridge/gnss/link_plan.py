@@ -16,8 +16,7 @@ from vtff_dynamics.vectors import FloatArray
 from vtff_gnss.antenna_pattern import ParabolicPattern, parabolic_gain_db
 from vtff_gnss.antex import PhaseCentre, antex_frequency
 from vtff_gnss.constants import (
-    ELECTRONS_PER_TECU,
-    IONOSPHERIC_DELAY_CONSTANT,
+    DELAY_PER_TECU,
     SYSTEM_GALILEO,
     SYSTEM_GPS,
 )
@@ -33,7 +32,6 @@ __all__ = ["Link", "LinkPlan", "all_links", "link_addresses", "link_rows", "sign
 _REFERENCE_DISTANCE = 20.2e6
 _EARTH_ROTATION = np.array([0.0, 0.0, EARTH_ROTATION_RATE])
 _NO_ANTENNA = ParabolicPattern(boresight_gain_db=0.0, front_to_back_db=0.0)
-_DELAY_PER_TECU = IONOSPHERIC_DELAY_CONSTANT * ELECTRONS_PER_TECU
 _SATELLITES = {SYSTEM_GPS: 32, SYSTEM_GALILEO: 36}
 
 
@@ -318,7 +316,7 @@ def _levels_and_delays(  # type: ignore[no-untyped-def]
             gain_db[n] = loss_db + parabolic_gain_db(
                 off_boresight[k, n], boresight_gain_db, half_power_beamwidth, front_to_back_db
             )
-            delay[n] = _DELAY_PER_TECU * slant_tec_tecu[k, n]
+            delay[n] = DELAY_PER_TECU * slant_tec_tecu[k, n]
         for m in range(links):
             cn0_dbhz[k, m] = cn0_zenith_dbhz[m] + gain_db[satellite[m]]
             code_delay[k, m] = delay[satellite[m]] / (frequency[m] * frequency[m])

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from vtff_dynamics.constants import SPEED_OF_LIGHT
 from vtff_dynamics.frames.geodetic import geodetic_from_itrf
 from vtff_dynamics.vectors import FloatArray, norm
-from vtff_gnss.constants import ELECTRONS_PER_TECU, IONOSPHERIC_DELAY_CONSTANT
+from vtff_gnss.constants import DELAY_PER_TECU
 from vtff_nav.relative.cdgps.ambiguity_arcs import ArcBook
 from vtff_nav.relative.cdgps.configuration import CdgpsConfiguration
 from vtff_nav.relative.cdgps.orbit_filter import CHIEF_MOTION
@@ -287,7 +287,7 @@ def phase_waves(
 
 def _delay_of_tecu(measured: SingleDifferences) -> FloatArray:
     """Return the delays of codes by 1 TECU, m, shape (n,)."""
-    return np.asarray(IONOSPHERIC_DELAY_CONSTANT * ELECTRONS_PER_TECU / measured.frequency_hz**2)
+    return np.asarray(DELAY_PER_TECU / measured.frequency_hz**2)
 
 
 def _laser_row(design: FloatArray, state: GaussianState) -> float:

@@ -10,7 +10,7 @@ import numpy as np
 from vtff_dynamics.compiled import compiled
 from vtff_dynamics.frames.rtn import rotation_gcrf_to_rtn
 from vtff_dynamics.vectors import FloatArray
-from vtff_gnss.constants import ELECTRONS_PER_TECU, IONOSPHERIC_DELAY_CONSTANT
+from vtff_gnss.constants import DELAY_PER_TECU
 from vtff_gnss.signals import SignalKey
 from vtff_nav.relative.cdgps.ambiguity_arcs import ArcBook
 from vtff_nav.relative.cdgps.model import Sky
@@ -199,4 +199,4 @@ def differential_tec_table(
 @functools.lru_cache(maxsize=64)
 def _metres_per_tecu(first_hz: float, second_hz: float) -> float:
     """Return what 1 TECU changes the difference of the phases of two carriers by, m."""
-    return (IONOSPHERIC_DELAY_CONSTANT * ELECTRONS_PER_TECU) * (second_hz**-2 - first_hz**-2)
+    return DELAY_PER_TECU * (second_hz**-2 - first_hz**-2)

@@ -10,7 +10,7 @@ import math
 import numpy as np
 
 from vtff_dynamics.compiled import compiled
-from vtff_gnss.constants import ELECTRONS_PER_TECU, IONOSPHERIC_DELAY_CONSTANT
+from vtff_gnss.constants import DELAY_PER_TECU, ELECTRONS_PER_TECU
 
 __all__ = [
     "DENSITY_UNIT",
@@ -25,8 +25,6 @@ DENSITY_UNIT = 1e12
 """Electrons per m3 in the unit of the states ``("plasma", layer)``."""
 
 _PATH_UNIT = DENSITY_UNIT / ELECTRONS_PER_TECU
-#: Delay of a code by 1 TECU times the square of its frequency, m Hz2.
-_DELAY_OF_TECU = IONOSPHERIC_DELAY_CONSTANT * ELECTRONS_PER_TECU
 
 
 @compiled
@@ -227,7 +225,7 @@ def sky_columns(  # type: ignore[no-untyped-def]
     plasma[:, : len(layers)] = plasma_paths(radius, rise, elevations, layers)
     plasma[:, len(layers) :] = shell_paths(positions, rays, shells)
     for n in range(count):
-        delay_of_tecu = _DELAY_OF_TECU / frequency_hz[n] ** 2
+        delay_of_tecu = DELAY_PER_TECU / frequency_hz[n] ** 2
         for k in range(plasma.shape[1]):
             plasma[n, k] = delay_of_tecu * plasma[n, k]
     return predicted, rays[1], rays[0], rate, ray_turn, plasma, elevations
