@@ -14,9 +14,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from vtff_dynamics.compiled import compiled
 from vtff_dynamics.vectors import FloatArray
 from vtff_gnss.constants import ELECTRONS_PER_TECU
-from vtff_iono.geometry.mapping import distance_to_altitude
+from vtff_iono.geometry.mapping import distance_of_ray
 
 __all__ = [
     "TopsideModel",
@@ -96,13 +97,28 @@ def shell_paths(
     edges : ndarray, shape (shells + 1,)
         Edges of the shells, m.
     """
-    distance = distance_to_altitude(
-        position_receiver_itrf[:, np.newaxis], direction_itrf[:, np.newaxis], edges
-    )
-    is_below = edges <= altitude[:, np.newaxis]
-    # An edge within metres above the receiver may be an ellipsoid that passes below it.
-    distance = np.where(is_below | np.isnan(distance), 0.0, distance)
-    return np.asarray(np.diff(distance, axis=1) / ELECTRONS_PER_TECU)
+    of_rays = position_receiver_itrf, direction_itrf, altitude
+    paths: FloatArray = _paths_through_shells(*map(np.ascontiguousarray, of_rays), edges)
+    return paths
+
+
+@compiled
+def _paths_through_shells(position, direction, altitude, edges):  # type: ignore[no-untyped-def]
+    """Return the paths that `shell_paths` describes."""
+    paths = np.empty((len(position), len(edges) - 1))
+    for row in range(len(position)):
+        before = 0.0
+        for number in range(len(edges)):
+            distance = 0.0
+            if not edges[number] <= altitude[row]:
+                distance = distance_of_ray(position[row], direction[row], edges[number])
+                # An edge within metres above the receiver may be an ellipsoid that passes below it.
+                if math.isnan(distance):
+                    distance = 0.0
+            if number > 0:
+                paths[row, number - 1] = (distance - before) / ELECTRONS_PER_TECU
+            before = distance
+    return paths
 
 
 def vertical_paths(altitude: FloatArray, edges: FloatArray) -> FloatArray:

@@ -25,6 +25,7 @@ __all__ = [
     "GROUND_SHELL_HEIGHT",
     "LOWEST_ORBIT",
     "contents_of_rays",
+    "distance_of_ray",
     "distance_to_altitude",
     "foelsche_kirchengast_mapping",
     "mapping_factor",
@@ -217,23 +218,48 @@ def distance_to_altitude(
         Distances, m; NaN where the ray does not pass the surface upwards, as for a receiver above
         it.
     """
+    position = np.asarray(position_receiver_itrf, dtype=float)
+    direction = np.asarray(direction_itrf, dtype=float)
     altitude = np.asarray(altitude, dtype=float)
+    shape = np.broadcast_shapes(position.shape[:-1], direction.shape[:-1], altitude.shape)
+    vectors = (
+        np.ascontiguousarray(np.broadcast_to(vector, (*shape, 3))).reshape(-1, 3)
+        for vector in (position, direction)
+    )
+    altitudes = np.ascontiguousarray(np.broadcast_to(altitude, shape)).reshape(-1)
+    distances: FloatArray = _distances_of_rays(*vectors, altitudes)
+    return distances.reshape(shape)
+
+
+@compiled
+def _distances_of_rays(position, direction, altitude):  # type: ignore[no-untyped-def]
+    """Return the distances that `distance_to_altitude` describes of n rays, shape (n,)."""
+    distances = np.empty(len(altitude))
+    for row in range(len(altitude)):
+        distances[row] = distance_of_ray(position[row], direction[row], altitude[row])
+    return distances
+
+
+@compiled
+def distance_of_ray(position, direction, altitude):  # type: ignore[no-untyped-def]
+    """Return the distance that `distance_to_altitude` describes of a ray, compiled.
+
+    `position` and `direction` have the shape (3,), `altitude` is a number.
+    """
     equatorial = WGS84_SEMI_MAJOR_AXIS + altitude
     polar = WGS84_SEMI_MAJOR_AXIS * (1.0 - WGS84_FLATTENING) + altitude
     # In coordinates in which the ellipsoid is the unit sphere, the distance solves a quadratic
     # equation: square d^2 + 2 mixed d + excess = 0.
-    position = np.asarray(position_receiver_itrf, dtype=float)
-    direction = np.asarray(direction_itrf, dtype=float)
     square, mixed, excess = 0.0, 0.0, -1.0
-    # Component by component: arithmetic on a last axis of three is several times slower.
-    for axis, half_axis in enumerate((equatorial, equatorial, polar)):
-        start, along = position[..., axis] / half_axis, direction[..., axis] / half_axis
-        square = square + along * along
-        mixed = mixed + start * along
-        excess = excess + start * start
-    with np.errstate(invalid="ignore"):
-        distance = (-mixed + np.sqrt(mixed**2 - square * excess)) / square
-    return np.where(excess <= 0.0, distance, np.nan)
+    for axis in range(3):
+        half_axis = polar if axis == 2 else equatorial
+        start, along = position[axis] / half_axis, direction[axis] / half_axis
+        square += along * along
+        mixed += start * along
+        excess += start * start
+    if not excess <= 0.0:
+        return math.nan
+    return (-mixed + math.sqrt(mixed * mixed - square * excess)) / square
 
 
 def pierce_point(
