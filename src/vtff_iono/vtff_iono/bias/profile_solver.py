@@ -13,6 +13,7 @@ Marquardt (1963), J. Soc. Indust. Appl. Math. 11, 431.
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 
 import numpy as np
@@ -59,7 +60,7 @@ class ProfileSolution:
     ----------
     log_density : ndarray, shape (n,)
         Logarithms of densities.
-    effects, effect_variance : ndarray, shape (m,)
+    effects : ndarray, shape (m,)
     effects_per_log_density : ndarray, shape (m, n)
         Decrease of the effects where the logarithm of a density increases by one.
     effect_factor, curvature_factor : ndarray, shapes (m, m) and (n, n)
@@ -69,10 +70,18 @@ class ProfileSolution:
 
     log_density: FloatArray
     effects: FloatArray
-    effect_variance: FloatArray
     effects_per_log_density: FloatArray
     effect_factor: FloatArray
     curvature_factor: FloatArray
+
+    @functools.cached_property
+    def effect_variance(self) -> FloatArray:
+        """Variances of the effects, shape (m,)."""
+        derivative = self.effects_per_log_density
+        # The inverse has its upper triangle only.
+        inverse, _ = lapack.dpotri(self.effect_factor)
+        solved = _solve(self.curvature_factor, derivative.T).T
+        return np.asarray(np.diag(inverse) + np.einsum("ij,ij->i", derivative, solved))
 
     def variance(self, per_log_density: FloatArray, per_effect: FloatArray) -> FloatArray:
         """Return the variances of r linear functions of logarithms (r, n) and effects (r, m)."""
@@ -115,15 +124,8 @@ def solve_profile(
         matrix, vector, prior_precision, prior_vector, log_density
     )
     density = np.exp(log_density)
-    # The inverse has its upper triangle only.
-    inverse, _ = lapack.dpotri(factor)
-    # Derivatives of the effects with respect to the logarithms of the densities.
-    derivative = effects_per_density * density
-    variance = np.diag(inverse) + np.einsum(
-        "ij,ij->i", derivative, _solve(curvature, derivative.T).T
-    )
     effects = effects_without_density - effects_per_density @ density
-    return ProfileSolution(log_density, effects, variance, derivative, factor, curvature)
+    return ProfileSolution(log_density, effects, effects_per_density * density, factor, curvature)
 
 
 def _find_maximum(
