@@ -59,12 +59,14 @@ class WindowBuffer:
         """
         if len(time) == 0:
             return
-        number = time // self._length
+        # Divided are the first and the last time only: to divide all takes longer than all else.
+        first, last = (int(limit) // self._length for limit in time[[0, -1]])
         edges = [0, len(time)]
-        if number[0] != number[-1]:
-            edges[1:1] = (np.flatnonzero(np.diff(number)) + 1).tolist()
+        if first != last:
+            begins = self._length * np.arange(first + 1, last + 1)
+            edges[1:1] = np.unique(np.searchsorted(time, begins)).tolist()
         for start, end in itertools.pairwise(edges):
-            window = int(number[start])
+            window = int(time[start]) // self._length
             if self._current is not None and window != self._current:
                 yield self._take_window()
             self._current = window
