@@ -25,7 +25,7 @@ from vtff_iono.bias.code_biases import CodeBiasTable
 from vtff_iono.density import differential_tec, electron_density
 from vtff_iono.density.electron_density import DensitySettings
 from vtff_iono.density.formation_density import DensityResult, FormationDensity
-from vtff_iono.edges import wall_fit, wall_search
+from vtff_iono.edges import crossing_fit, wall_fit, wall_search
 from vtff_iono.edges.boundary import Boundary
 from vtff_iono.edges.ray_edges import RayEdgeFinder, RayEdgeSettings
 from vtff_iono.edges.vertical_edges import VerticalEdgeFinder
@@ -240,6 +240,7 @@ def compile_kernels() -> None:
     electron_density.compile_kernels()
     wall_fit.compile_kernels()
     wall_search.compile_kernels()
+    crossing_fit.compile_kernels()
     high_pass.compile_kernels()
     formation_second.compile_kernels()
     # Two signals of a satellite, at no known place.

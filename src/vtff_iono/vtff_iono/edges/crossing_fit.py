@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from vtff_dynamics.compiled import compiled
 from vtff_dynamics.vectors import FloatArray
 from vtff_iono.edges.content_noise import (
     ContentNoise,
@@ -30,6 +31,7 @@ __all__ = [
     "WallFit",
     "Window",
     "WindowSatellite",
+    "compile_kernels",
     "difference_and_mean",
     "fit_line",
     "fit_widths",
@@ -76,19 +78,20 @@ class WindowSatellite:
         D and M, TECU.
     path : ndarray, shape (2, k)
         Paths of the rays of chief and deputy through a layer over its height.
-    samples : ndarray of int, shape (k,), or None
-        Which of the samples of the window these are; None for all.
+    samples : ndarray of int, shape (k,)
+        Which of the samples of the window these are.
     """
 
     slow: SlowBasis
     observed: FloatArray
     path: FloatArray
-    samples: npt.NDArray[np.intp] | None
+    samples: npt.NDArray[np.int64]
 
     def change(self, vertical: FloatArray) -> FloatArray:
         """Return what vertical contents in the window, (..., 2, n), add to D and M, (..., 2, k)."""
-        of_satellite = vertical if self.samples is None else vertical[..., self.samples]
-        return difference_and_mean(self.path * of_satellite)
+        contents = vertical.reshape(-1, *vertical.shape[-2:])
+        changes: FloatArray = _changes(self.path, contents, self.samples)
+        return changes.reshape(*vertical.shape[:-1], len(self.samples))
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,10 +121,7 @@ class Window:
         """Return of each satellite which part of a wall the samples have crossed, (k,)."""
         depth = dense_side * (self.altitude.mean(axis=0) - wall.altitude.mean())
         part = np.clip(0.5 + depth / wall.width, 0.0, 1.0)
-        return [
-            part if satellite.samples is None else part[satellite.samples]
-            for satellite in self.satellites
-        ]
+        return [part[satellite.samples] for satellite in self.satellites]
 
     def residuals(self, wall: Wall, dense_side: float, change: FloatArray) -> list[FloatArray]:
         """Return D and M of each satellite less those of the wall, TECU."""
@@ -436,10 +436,27 @@ def _solution(observed: FloatArray, design: FloatArray) -> tuple[FloatArray, Flo
 
 
 def difference_and_mean(pair: FloatArray) -> FloatArray:
-    """Return deputy less chief, and their mean, of rows chief and deputy, shape (..., 2, k)."""
-    result = np.empty(pair.shape)
-    chief, deputy = pair[..., 0, :], pair[..., 1, :]
-    np.subtract(deputy, chief, out=result[..., 0, :])
-    np.add(chief, deputy, out=result[..., 1, :])
-    result[..., 1, :] *= 0.5
-    return result
+    """Return deputy less chief, and their mean, of rows chief and deputy, shape (2, k)."""
+    chief, deputy = pair
+    return np.array((deputy - chief, 0.5 * (chief + deputy)))
+
+
+@compiled
+def _changes(path, vertical, samples):  # type: ignore[no-untyped-def]
+    """Return what vertical contents (m, 2, n) add to D and M, shape (m, 2, k).
+
+    `path` (2, k) and `samples` (k,) are those of `WindowSatellite`.
+    """
+    changes = np.empty((len(vertical), 2, len(samples)))
+    for number in range(len(vertical)):
+        for row in range(len(samples)):
+            chief = path[0, row] * vertical[number, 0, samples[row]]
+            deputy = path[1, row] * vertical[number, 1, samples[row]]
+            changes[number, 0, row] = deputy - chief
+            changes[number, 1, row] = 0.5 * (chief + deputy)
+    return changes
+
+
+def compile_kernels() -> None:
+    """Compile what walls add to contents, which would delay the first wall."""
+    _changes(np.ones((2, 1)), np.ones((1, 2, 1)), np.zeros(1, dtype=np.int64))

@@ -318,7 +318,7 @@ def _window(
                 slow=slow_basis(time_from_middle[good], half_window, arc.ravel()),
                 observed=difference_and_mean(content),
                 path=1.0 / np.sin(elevation[:, good]),
-                samples=None if np.array_equal(good, usable) else samples[good],
+                samples=samples[good],
             )
         )
     return Window(altitudes[:, usable], satellites)
