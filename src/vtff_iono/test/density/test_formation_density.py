@@ -309,7 +309,7 @@ def test_each_link_of_a_satellite_adds_to_the_memory_of_its_fluctuation():
         ]
         columns = np.zeros((8, 2))
         columns[DEVIATION_SQUARED] = scatters
-        return _LinkMeans(stretches, np.full(2, 20), columns)
+        return _LinkMeans(stretches, np.full(2, 20), columns, least_noise=4e-5)
 
     def sigma_of_quiet(first_scatter):
         """Return the sigma of a quiet second after one in which the first link fluctuated."""

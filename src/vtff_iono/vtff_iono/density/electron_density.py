@@ -377,15 +377,16 @@ class ElectronDensityEstimator:
         )
         if self._is_checked and not has_check:
             return self._without_density(middle, separation, len(observed))
+        chosen = _index_of(kept)
         self.slow_errors.add(
             time,
-            numbers[used][kept],
-            residual[kept],
-            common[kept],
+            numbers[used][chosen],
+            residual[chosen],
+            common[chosen],
             self._loose_sigma,
-            fast_variance[kept],
+            fast_variance[chosen],
         )
-        gain = self._correct(design[kept], residual[kept], fast_variance[kept])
+        gain = self._correct(design[chosen], residual[chosen], fast_variance[chosen])
         self._keep_positive()
         epoch, per_constant = self._epoch(
             middle,
@@ -537,16 +538,18 @@ class ElectronDensityEstimator:
         outliers = np.zeros(len(used), dtype=bool)
         outliers[np.flatnonzero(used)[~kept]] = True
         single, single_sigma = np.full((2, len(used)), np.nan)
-        rows = np.flatnonzero(used)[kept]
+        chosen = _index_of(kept)
+        rows = np.flatnonzero(used)[chosen]
+        variances = fast_variance[chosen]
         single[rows], single_sigma[rows] = ELECTRONS_PER_TECU * kernels.satellite_densities(
-            common[kept],
-            residual[kept],
-            fast_variance[kept] + self.slow_errors.sigma**2,
+            common[chosen],
+            residual[chosen],
+            variances + self.slow_errors.sigma**2,
             self._state,
             self._covariance,
         )
         variance = float(self._covariance[DENSITY, DENSITY])
-        fast = float(gain[DENSITY] ** 2 @ fast_variance[kept])
+        fast = float(gain[DENSITY] ** 2 @ variances)
         # What the past tells of slow errors is no error any more.
         parts = self.slow_errors.sigma * gain[DENSITY]
         left = max(variance - fast, 0.0) / max(float(parts @ parts), 1e-30)
@@ -760,6 +763,11 @@ class ElectronDensityEstimator:
             bias_tecu=float(self._state[0]),
             bias_sigma_tecu=math.sqrt(self._covariance[0, 0]),
         )
+
+
+def _index_of(chosen: npt.NDArray[np.bool_]) -> slice | npt.NDArray[np.bool_]:
+    """Return an index of chosen rows: of all, as a rule, it is one that makes no copy."""
+    return slice(None) if chosen.all() else chosen
 
 
 def _columns(rows: FloatArray, chosen: npt.NDArray[np.bool_]) -> FloatArray:

@@ -152,11 +152,14 @@ class _LinkMeans:
         Means of the columns of `phase_differences`. Deviations are from the first sample of a
         stretch: without integers contents are so large that their own squares have lost what they
         scatter by.
+    least_noise : float
+        Smallest variance of the white noise of a sample, TECU^2.
     """
 
     stretches: list[PhaseStretch]
     samples: IntArray
     columns: FloatArray
+    least_noise: float
 
     @property
     def stec(self) -> FloatArray:
@@ -192,6 +195,7 @@ class _LinkMeans:
             [self.stretches[row] for row in rows.tolist()],
             self.samples[rows],
             self.columns.take(rows, axis=1),
+            self.least_noise,
         )
 
     @functools.cached_property
@@ -210,6 +214,17 @@ class _LinkMeans:
         return np.asarray(self.columns[DEVIATION_SQUARED] - self.columns[DEVIATION] ** 2)
 
     @functools.cached_property
+    def white_noise(self) -> FloatArray:
+        """Variance of the white noise of a sample, TECU^2, shape (n,)."""
+        return np.maximum(self.step_variance, self.least_noise)
+
+    @functools.cached_property
+    def excess(self) -> FloatArray:
+        """Variance that the samples have beside white noise, TECU^2, shape (n,)."""
+        is_large = self.scatter > _LARGE_SCATTER * self.white_noise
+        return np.where(is_large, self.scatter - self.white_noise, 0.0)
+
+    @functools.cached_property
     def has_integers(self) -> npt.NDArray[np.bool_]:
         """Which links have integers of both signals, shape (n,)."""
         return np.array([stretch.has_integers for stretch in self.stretches], dtype=bool)
@@ -224,7 +239,7 @@ class _LinkMeans:
         columns[STEC] -= np.where(is_row, content, 0.0)
         columns[WIDE_LANE] -= wide_lane
         columns[GEOMETRIC] -= wide_lane
-        return _LinkMeans(stretches, self.samples, columns)
+        return _LinkMeans(stretches, self.samples, columns, self.least_noise)
 
 
 @dataclass(frozen=True, eq=False)
@@ -294,7 +309,8 @@ class FormationDensity:
         # What relative navigation has fixed in that second.
         self._offered: Mapping[SignalKey, float] = {}
         # Sigma of the difference of two receivers and two signals at one epoch, TECU.
-        self._sample_sigma = 2.0 * carrier_phase_sigma * self._tecu_per_metre
+        sample_sigma = 2.0 * carrier_phase_sigma * self._tecu_per_metre
+        self._least_noise = _LEAST_NOISE * sample_sigma**2
         # Variance that scintillation adds to the samples of each satellite, TECU^2, by PRN.
         self._excess: dict[int, float] = {}
         # What each of the last seconds alone shows of that variance.
@@ -518,7 +534,7 @@ class FormationDensity:
             self._without_density.clear()
         seconds = time / NANOSECONDS_PER_SECOND
         stretches = [self._stretches[number] for number in averages.number.tolist()]
-        means = _LinkMeans(stretches, averages.samples, averages.columns)
+        means = _LinkMeans(stretches, averages.samples, averages.columns, self._least_noise)
         # A satellite without an orbit has phases, and maybe integers, but no content is predicted.
         means = means.select(np.isfinite(means.elevation_chief + means.elevation_deputy))
         sigma_of_all = self._sigma(means)
@@ -622,7 +638,7 @@ class FormationDensity:
                 stretch.signals.prn: excess
                 for stretch, excess in zip(
                     second.means.stretches,
-                    self._noise_and_excess(second.means)[1].tolist(),
+                    second.means.excess.tolist(),
                     strict=True,
                 )
             }
@@ -659,12 +675,13 @@ class FormationDensity:
 
         `excesses` are what samples of the seconds around it scatter by beside their noise, by PRN.
         """
-        white, excess = self._noise_and_excess(second.means)
+        excess = second.means.excess.copy()
         for row, stretch in enumerate(second.means.stretches):
             prn = stretch.signals.prn
             near = [of_second[prn] for of_second in excesses if prn in of_second]
             excess[row] = max(excess[row], statistics.fmean(near))
-        variance = white / second.means.samples + excess * self._mean_over_scatter
+        white = second.means.white_noise / second.means.samples
+        variance = white + excess * self._mean_over_scatter
         return np.asarray(second.doubt * np.sqrt(variance))
 
     def _predict(
@@ -689,18 +706,17 @@ class FormationDensity:
         Both are measured: the changes from sample to sample show the white noise (von Neumann
         1941), the rest of the scatter is a slow fluctuation.
         """
-        white, excess = self._noise_and_excess(means)
         # One second alone may be quiet by chance, so that the seconds before it count too.
         of_second: dict[int, float] = {}
-        for prn, value in zip(means.prns, excess.tolist(), strict=True):
+        for prn, value in zip(means.prns, means.excess.tolist(), strict=True):
             mean = self._excess.get(prn, value)
             self._excess[prn] = mean + (value - mean) / _SCATTER_MEMORY
             of_second[prn] = value
         self._recent_excess.append(of_second)
         left = self._fluctuation_left()
         remembered = [left * self._excess[prn] for prn in means.prns]
-        excess = np.maximum(excess, remembered)
-        return np.sqrt(white / means.samples + excess * self._mean_over_scatter)
+        excess = np.maximum(means.excess, remembered)
+        return np.sqrt(means.white_noise / means.samples + excess * self._mean_over_scatter)
 
     def _fluctuation_left(self) -> float:
         """Return the part of the remembered fluctuation that there may still be."""
@@ -714,12 +730,6 @@ class FormationDensity:
             return 1.0
         ratio = statistics.fmean(value / remembered for value, remembered in pairs)
         return min(1.0, _MARGIN_OF_END * ratio)
-
-    def _noise_and_excess(self, means: _LinkMeans) -> tuple[FloatArray, FloatArray]:
-        """Return the variances of white noise of a sample, and of what else it scatters by."""
-        white = np.maximum(means.step_variance, _LEAST_NOISE * self._sample_sigma**2)
-        scatter = means.scatter
-        return white, np.where(scatter > _LARGE_SCATTER * white, scatter - white, 0.0)
 
     @property
     def _mean_over_scatter(self) -> float:
@@ -769,7 +779,7 @@ class FormationDensity:
             if last is None or prn not in self._excess:
                 continue
             change = 0.5 * (errors_now[key] - last) ** 2
-            if change > _LARGE_CHANGE * max(variance, _LEAST_NOISE * self._sample_sigma**2):
+            if change > _LARGE_CHANGE * max(variance, self._least_noise):
                 mean = self._excess[prn]
                 self._excess[prn] = max(mean, mean + (change - mean) / _SCATTER_MEMORY)
                 of_second = self._recent_excess[-1]
@@ -794,7 +804,7 @@ class FormationDensity:
         settings = self._settings
         wide_lanes, samples = fixed.wide_lane.tolist(), fixed.samples.tolist()
         error_sigma = np.hypot(spread, sigma)
-        fluctuates = self._noise_and_excess(fixed)[1] > 0.0
+        fluctuates = fixed.excess > 0.0
         steps = still_right = 0
         largest = np.maximum(settings.outlier_sigmas * error_sigma, settings.outlier_tecu)
         is_off = np.abs(errors) > largest
