@@ -194,8 +194,8 @@ def _fill_rows(
 ) -> None:
     """Fill in the rows of epochs that use the same ephemerides.
 
-    `time` and `position` are those of the epochs, `epoch_of_row` and `satellite` (a
-    `satellite_number`) those of the rows.
+    `rows` are those of the result, `time` and `position` those of the epochs, `epoch_of_row` and
+    `satellite` (a `satellite_number`) those of the rows.
     """
     if len(table) == 0:
         return
