@@ -87,9 +87,9 @@ def find_walls(  # type: ignore[no-untyped-def]
     Returns
     -------
     ndarray, shape (walls, 10)
-        Of each wall that is large enough the number of its window, the fewest means on either side,
-        its place, m, level, slope, change, sigma, misfit and freedom, as `fit_wall` has them, and
-        one where the slope goes against the change.
+        The walls that are large enough: number of the window, fewest means on either side, place,
+        m, level, slope, change, sigma, misfit and freedom, as `fit_wall` has them, and one where
+        the slope goes against the change.
     """
     advance = direction * samples[:, 1]
     count = len(advance)
