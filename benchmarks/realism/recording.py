@@ -99,8 +99,9 @@ class _Ambiguities(TruthFile):
         """Whether records are kept."""
         return True
 
-    def write(self, record: str, **fields: Any) -> None:
+    def write_later(self, record: str, make_fields: Callable[[], dict[str, Any]]) -> None:
         """Keep the ambiguity of an arc, and the turns of the antenna under each satellite."""
+        fields = make_fields()
         if record == "second" and "wind_up" in fields:
             satellites = map(satellite_from_name, fields["satellites"])
             turns = zip(satellites, fields["wind_up"], strict=True)

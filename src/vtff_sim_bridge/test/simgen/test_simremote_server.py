@@ -19,7 +19,11 @@ from simremote_test_support import datagram_of
 
 from vtff_sim_bridge.simgen.emulator_state import ScenarioMachine
 from vtff_sim_bridge.simgen.simgen_emulator import main, write_port_file
-from vtff_sim_bridge.simgen.simremote_server import MAXIMUM_LINE_BYTES, CommandSplitter
+from vtff_sim_bridge.simgen.simremote_server import (
+    MAXIMUM_LINE_BYTES,
+    TAIL_SILENCE,
+    CommandSplitter,
+)
 from vtff_sim_bridge.simremote.language import Reply, SimGenStatus, parse_reply
 from vtff_sim_bridge.simremote.motion import MotionState
 from vtff_sim_bridge.simremote.udp_motion import MotionDatagram
@@ -83,6 +87,31 @@ def test_one_connection_per_unterminated_command(start_emulator: Start) -> None:
             connection.shutdown(socket.SHUT_WR)
             assert receive(connection, 1)[0].status == status
             assert connection.recv(1) == b""
+
+
+def test_a_client_that_terminates_its_commands_may_be_interrupted_in_one(
+    start_emulator: Start,
+) -> None:
+    """On a busy machine the rest of a packet may come late."""
+    with start_emulator().connect() as connection:
+        connection.sendall(b"SC,a.scn\nSC_N")
+        time.sleep(5 * TAIL_SILENCE)
+        connection.sendall(b"AME\n")
+        replies = receive(connection, 2)
+        assert [reply.status for reply in replies] == [2, 2]
+        assert replies[1].data_text == "a.scn"
+
+
+def test_the_time_in_which_commands_are_carried_out_is_no_silence(start_emulator: Start) -> None:
+    emulator = start_emulator(clock_mode="lockstep")
+    emulator.machine.observers.append(lambda time_: time.sleep(0.2 if time_ else 0.0))
+    with emulator.connect() as connection:
+        ask(connection, b"SC,a.scn", *INITIAL.splitlines(), b"RU")
+        steps = b"1,MOT,v1_m1,7e6,0,0\n1,MOT,v2_m1,7.1e6,0,0\n"
+        connection.sendall(steps + b"2,MOT,v1_m1,7e6")
+        time.sleep(0.05)
+        connection.sendall(b",1,0\n")
+        assert [reply.error_text for reply in receive(connection, 3)] == [None] * 3
 
 
 def test_several_clients_share_the_simulator(start_emulator: Start) -> None:

@@ -24,6 +24,8 @@ LOGGER = logging.getLogger("simgen_emulator")
 
 TAIL_SILENCE = 0.020
 """Silence in s after which an unterminated command is complete."""
+INTERRUPTION = 2.0
+"""The same where a command was terminated before: rather, the client is interrupted in sending."""
 MAXIMUM_LINE_BYTES = 16384
 """Longest command; a MOT command has some 500 bytes."""
 _RECEIVE_BYTES = 65536
@@ -53,6 +55,12 @@ class CommandSplitter:
     def __init__(self) -> None:
         self._tail = b""
         self._discarding = False
+        self._terminates = False
+
+    @property
+    def silence(self) -> float:
+        """Silence in s after which what waits is a whole command."""
+        return INTERRUPTION if self._terminates else TAIL_SILENCE
 
     @property
     def has_tail(self) -> bool:
@@ -67,6 +75,7 @@ class CommandSplitter:
         """
         lines = (self._tail + received).replace(b"\r", b"\n").split(b"\n")
         tail = lines.pop()
+        self._terminates |= bool(lines)
         if self._discarding and lines:
             lines[0] = self._tail
             self._discarding = False
@@ -286,9 +295,11 @@ class SimRemoteServer:
         else:
             connection.commands.extend(connection.splitter.flush())
             connection.ended = True
-        has_tail = connection.splitter.has_tail
-        connection.tail_due = time.monotonic() + TAIL_SILENCE if has_tail else None
+        connection.tail_due = None
         self._carry_out(connection)
+        # To carry commands out may take longer than the silence, and is none of the client.
+        if connection.splitter.has_tail:
+            connection.tail_due = time.monotonic() + connection.splitter.silence
 
     def _carry_out(self, connection: _Connection) -> None:
         """Carry out the commands of a connection up to one whose reply must wait."""
