@@ -7,14 +7,13 @@ thruster of the reference system stands in `vtff_sim_bridge.thruster.can_thruste
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
-from vtff_dynamics.vectors import FloatArray
+from vtff_dynamics.vectors import FloatArray, is_finite
 
 
 @dataclass(frozen=True)
@@ -165,7 +164,6 @@ def _usable_acceleration(values: npt.ArrayLike) -> tuple[list[float], str]:
         return [0.0] * 3, "thrust command: not numeric"
     if acceleration.shape != (3,):
         return [0.0] * 3, f"thrust command: shape (3,) expected, got {acceleration.shape}"
-    numbers = acceleration.tolist()
-    if not all(map(math.isfinite, numbers)):
+    if not is_finite(acceleration):
         return [0.0] * 3, "thrust command: not finite"
-    return numbers, ""
+    return acceleration.tolist(), ""

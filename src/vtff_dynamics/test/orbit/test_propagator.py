@@ -331,7 +331,7 @@ def test_trap_tables_are_the_packaged_ones_without_home_or_network(tmp_path):
     program = (
         "import json, sys, brahe\n"
         "from vtff_dynamics.orbit.propagator import ForceModel, Propagator\n"
-        "from vtff_dynamics.time.timescales import GpsTime, parse_epoch\n"
+        "from vtff_dynamics.time.timescales import parse_epoch\n"
         "model = ForceModel(drag='nrlmsise00')\n"
         "p = Propagator(parse_epoch('2016-03-21T01:00:00 GPS'), json.loads(sys.argv[1]), model)\n"
         "for _ in range(60): p.advance()\n"

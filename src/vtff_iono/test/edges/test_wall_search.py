@@ -1,4 +1,4 @@
-"""What is fitted at once is what `fit_wall` finds one by one."""
+"""Walls that are fitted at once are those that `fit_wall` finds one by one."""
 
 import numpy as np
 import pytest

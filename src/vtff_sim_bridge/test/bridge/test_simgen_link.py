@@ -227,7 +227,7 @@ def test_a_motion_that_cannot_be_computed_has_no_step_sent_twice(start_emulator)
 
 
 def test_motion_is_computed_while_simgen_works(start_emulator):
-    """What waits is computed before the replies to the packet before are awaited."""
+    """Steps that wait are computed before the replies to the packet before are awaited."""
     emulator = start_emulator(clock_mode="lockstep")
     client = SimRemoteClient("127.0.0.1", emulator.port, timeout=5.0)
     link = SimGenLink(client, ["chief", "deputy"], 5.0, steps_together=2)

@@ -143,11 +143,8 @@ class ReceiverSet:
             Is given the name of a receiver and its bytes, part of a second by part.
         """
         newest = time_nanoseconds // EPOCH_NANOSECONDS
-        self._has_whole_steps = not (
-            self._last_epoch < 0
-            or self._last_epoch % EPOCHS_PER_SECOND
-            or newest % EPOCHS_PER_SECOND
-        )
+        is_within_second = self._last_epoch % EPOCHS_PER_SECOND or newest % EPOCHS_PER_SECOND
+        self._has_whole_steps = self._last_epoch >= 0 and not is_within_second
         self._truth.flush()
         self._truth.release()
         while self._last_epoch < newest:
@@ -224,7 +221,7 @@ class ReceiverSet:
 
 
 class _MeasuredAhead(NamedTuple):
-    """What a receiver has measured ahead, and the motion commands of that second."""
+    """Measurements of a receiver for the second to come, and its motion commands there."""
 
     measured: Measurements
     commands: list[tuple[int, MotionState]]

@@ -25,7 +25,10 @@ LOGGER = logging.getLogger("simgen_emulator")
 TAIL_SILENCE = 0.020
 """Silence in s after which an unterminated command is complete."""
 INTERRUPTION = 2.0
-"""The same where a command was terminated before: rather, the client is interrupted in sending."""
+"""Silence in s after which the rest of a client that terminates its commands is a command.
+
+A shorter silence means that the client was interrupted in sending.
+"""
 MAXIMUM_LINE_BYTES = 16384
 """Longest command; a MOT command has some 500 bytes."""
 _RECEIVE_BYTES = 65536

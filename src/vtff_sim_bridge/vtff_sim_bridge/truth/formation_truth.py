@@ -291,14 +291,11 @@ class FormationTruth:
                 f"acceleration for unknown spacecraft {name!r}; known: {', '.join(self.names)}"
             )
         acceleration = np.asarray(reported, dtype=float)
-        content = acceleration.tobytes()
-        known = self._acting.get(name) if rotation_to_gcrf is None else None
-        if known is not None and known[0] != content:
-            known = None
-        # What is known is finite.
-        if acceleration.shape != (3,) or not (known or is_finite(acceleration)):
+        if acceleration.shape != (3,) or not is_finite(acceleration):
             raise ValueError(f"acceleration of {name}: three finite numbers (m/s2) expected")
-        if known:
+        content = acceleration.tobytes()
+        known = self._acting.get(name)
+        if rotation_to_gcrf is None and known is not None and known[0] == content:
             return known[1]
         if name in self._thruster_errors:
             acceleration = self._thruster_errors[name].true_acceleration(
