@@ -18,7 +18,7 @@ from vtff_gnss.novatel import ReceiverLogStream
 from vtff_gnss.observations import ObservationEpoch
 from vtff_sim_bridge.bridge.simgen_link import SimGenLink
 from vtff_sim_bridge.simgen.emulator_state import ScenarioMachine
-from vtff_sim_bridge.simgen.gnss_emulation import GnssEmulation
+from vtff_sim_bridge.simgen.gnss_emulation import GnssEmulation, ReceiverSet
 from vtff_sim_bridge.simgen.simremote_server import SimRemoteServer
 from vtff_sim_bridge.simremote.client import SimRemoteClient
 
@@ -139,6 +139,27 @@ def test_the_chief_has_measured_when_its_second_comes(benches, monkeypatch):
     monkeypatch.setattr(GnssEmulation, "settle", settle_and_note)
     early.fly(1, True)
     assert set(seconds) == set(range(1, STEPS + 1))
+
+
+def test_nothing_is_measured_ahead_while_bytes_wait_for_a_client(benches, monkeypatch):
+    """Who reads a second waits for what a pseudo-terminal does not hold of it."""
+    _, early = benches
+    looks, waiting = [], []
+    settle, look_ahead = GnssEmulation.settle, ReceiverSet.look_ahead
+
+    def look_and_note(self: ReceiverSet, *arguments: object) -> None:
+        looks.append([port.pending_bytes for port in early.emulation.ports.values()])
+        look_ahead(self, *arguments)
+
+    def settle_and_note(self: GnssEmulation) -> None:
+        waiting.append(any(port.pending_bytes for port in self.ports.values()))
+        settle(self)
+
+    monkeypatch.setattr(ReceiverSet, "look_ahead", look_and_note)
+    monkeypatch.setattr(GnssEmulation, "settle", settle_and_note)
+    early.fly(1, True)
+    assert any(waiting), "a second is more than a terminal holds"
+    assert len(looks) >= STEPS and not np.any(looks)
 
 
 def test_where_levels_are_commanded_nothing_is_measured_ahead(benches):

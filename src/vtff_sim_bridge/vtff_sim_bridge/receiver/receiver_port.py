@@ -258,6 +258,11 @@ class ReceiverPort:
         self._put(self._terminal_pending, content[written:])
         self._watch_space(terminal)
 
+    def send_waiting(self) -> None:
+        """Send what waits for the client of the pseudo-terminal, as far as it takes it now."""
+        if self._terminal is not None and self._terminal_pending:
+            self._write_terminal(self._terminal)
+
     def process(self) -> None:
         """Do what is to be done: take clients and commands, send answers and what waits."""
         for descriptor, events in self._epoll.poll(0):

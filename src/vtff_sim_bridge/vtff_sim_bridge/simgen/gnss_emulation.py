@@ -362,8 +362,12 @@ class GnssEmulation:
     def settle(self) -> None:
         """Write the truth of what was sent, and measure ahead in lockstep.
 
-        Not where levels are commanded: they hold from the next epoch that is not measured yet.
+        Not while bytes wait for a client: a pseudo-terminal holds a part of a second only, and who
+        reads it waits for the rest. Nor is measured where levels are commanded: they hold from the
+        next epoch that is not measured yet.
         """
+        if any(port.pending_bytes for port in self.ports.values()):
+            return
         self._truth.flush()
         machine = self._machine
         is_running = machine.is_lockstep and machine.status is SimGenStatus.RUNNING
@@ -416,6 +420,9 @@ class GnssEmulation:
             self._set.advance(time_nanoseconds, machine.motions.__getitem__, self._send)
 
     def _send(self, name: str, content: bytes) -> None:
+        # While this receiver measured, clients have read of the others what their terminals held.
+        for port in self.ports.values():
+            port.send_waiting()
         if content:
             self.ports[name].send(content)
 
