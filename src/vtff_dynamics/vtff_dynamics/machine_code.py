@@ -28,6 +28,7 @@ __all__ = [
     "build_machine_code",
     "dispatching_function",
     "load_machine_code",
+    "load_module_in_c",
     "machine_code_path",
     "source_fingerprint",
 ]
@@ -391,22 +392,36 @@ def build_machine_code(
 @functools.cache
 def _load_dispatcher() -> Callable[..., Any] | None:
     """Return what makes dispatchers in C, compiled where that is needed; None if it cannot be."""
-    try:
-        source = _DISPATCHER_SOURCE.read_text(encoding="utf-8")
-        parts = (source, importlib.machinery.EXTENSION_SUFFIXES[0], np.__version__)
-        path = _cached(str(_DISPATCHER_SOURCE), f"{_DISPATCHER_MODULE}.{_hash(parts)}.so")
-        module = _load_extension(_DISPATCHER_MODULE, path)
-        if module is None:
-            _build_dispatcher(path)
-            module = _load_extension(_DISPATCHER_MODULE, path)
-    except OSError:
-        return None
+    module = load_module_in_c(_DISPATCHER_MODULE, _DISPATCHER_SOURCE)
     make_dispatcher: Callable[..., Any] | None = getattr(module, "dispatcher", None)
     return make_dispatcher
 
 
-def _build_dispatcher(path: pathlib.Path) -> None:
-    """Compile the dispatcher in C into a file; raise OSError if that is impossible."""
+def load_module_in_c(name: str, source: pathlib.Path) -> types.ModuleType | None:
+    """Return a module written in C, compiled where that is needed; None if it cannot be.
+
+    Parameters
+    ----------
+    name
+        Name of the module; its initialisation is ``PyInit_<name>``.
+    source
+        File with the source, which may include the headers of Python and numpy.
+    """
+    try:
+        text = source.read_text(encoding="utf-8")
+        parts = (text, importlib.machinery.EXTENSION_SUFFIXES[0], np.__version__)
+        path = _cached(str(source), f"{name}.{_hash(parts)}.so")
+        module = _load_extension(name, path)
+        if module is None:
+            _build_module(source, path)
+            module = _load_extension(name, path)
+    except OSError:
+        return None
+    return module
+
+
+def _build_module(source: pathlib.Path, path: pathlib.Path) -> None:
+    """Compile a module in C into a file; raise OSError if that is impossible."""
     import sysconfig
 
     compiler = _compiler()
@@ -415,7 +430,7 @@ def _build_dispatcher(path: pathlib.Path) -> None:
     folders = [sysconfig.get_paths()["include"], np.get_include()]
     with _building(path) as (_, linked):
         options = ["-O2", "-DNDEBUG", "-fPIC", "-shared", "-s", *(f"-I{name}" for name in folders)]
-        _run(compiler, *options, "-o", linked, str(_DISPATCHER_SOURCE))
+        _run(compiler, *options, "-o", linked, str(source))
 
 
 def _compiler() -> str | None:

@@ -4,27 +4,39 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import fcntl
 import os
+import pathlib
 import select
 import socket
 import stat
 import termios
+import threading
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
 import serial
 
+from vtff_dynamics.machine_code import load_module_in_c
+
 __all__ = [
+    "CarriedPort",
     "LivePort",
     "PortAddress",
     "PortError",
     "SerialPort",
     "TcpPort",
     "live_address",
+    "load_carry",
     "open_port",
 ]
 
 READ_LENGTH = 1 << 16
+#: Reads a line without the interpreter lock.
+_CARRY_SOURCE = pathlib.Path(__file__).with_name("carry_bytes.c")
+#: Bytes that a pipe holds, ten seconds of a receiver at 20 Hz; what does not fit waits in the port.
+PIPE_SIZE = 1 << 18
 
 #: Errors that pyserial does not convert; `termios.error` is no OSError.
 _LINE_ERRORS = (OSError, ValueError, termios.error)
@@ -266,6 +278,89 @@ class TcpPort:
     def close(self) -> None:
         """Close the connection."""
         self._socket.close()
+
+
+def load_carry() -> Callable[[int, int, int], None] | None:
+    """Return the function in C that carries bytes; None where it cannot be compiled."""
+    carry: Callable[[int, int, int], None] | None = getattr(
+        load_module_in_c("vtff_carry_bytes", _CARRY_SOURCE), "carry", None
+    )
+    return carry
+
+
+class CarriedPort:
+    """A port whose bytes a thread carries to a pipe as they come: a read finds them together.
+
+    A pseudo-terminal holds 15 kB of a second's 25 and gives 4 kB at a read; its reader, the kernel
+    and the emulated receiver take turns, which took an eighth of the time of a lockstep run. It is
+    for lockstep, where nobody waits for single bytes.
+
+    Parameters
+    ----------
+    port : LivePort
+        Is closed with this one.
+    carry : callable
+        The function of `load_carry`.
+
+    Attributes
+    ----------
+    baud : int or None
+        Rate in bit/s; None if the port has no rate.
+    """
+
+    def __init__(self, port: LivePort, carry: Callable[[int, int, int], None]) -> None:
+        self._port = port
+        self.baud = port.baud
+        self._carry = carry
+        self._source, self._sink = os.pipe()
+        self._stopped, self._stop = os.pipe()
+        os.set_blocking(self._source, False)
+        with contextlib.suppress(OSError):  # a system may permit less
+            fcntl.fcntl(self._sink, fcntl.F_SETPIPE_SZ, PIPE_SIZE)
+        self._is_open = True
+        self._thread = threading.Thread(target=self._run, name="port carrier", daemon=True)
+        self._thread.start()
+
+    def _run(self) -> None:
+        try:
+            self._carry(self._port.fileno(), self._sink, self._stopped)
+        finally:
+            os.close(self._sink)
+
+    def fileno(self) -> int:
+        """Return the descriptor, for a selector."""
+        return self._source
+
+    def read(self) -> bytes:
+        """Return the bytes that have arrived; raise `PortError` if the port is lost."""
+        try:
+            content = os.read(self._source, READ_LENGTH)
+        except (BlockingIOError, InterruptedError):
+            return b""
+        # The thread has ended: the port tells why.
+        return content or self._port.read()
+
+    def write(self, content: bytes | bytearray) -> int:
+        """Write the bytes that fit; raise `PortError` if the port is lost."""
+        return self._port.write(content)
+
+    def set_baud(self, baud: int) -> None:
+        """Change the rate; raise `PortError` if the port cannot."""
+        self._port.set_baud(baud)
+        self.baud = self._port.baud
+
+    def close(self) -> None:
+        """Close the port; a second call does nothing."""
+        if not self._is_open:
+            return
+        self._is_open = False
+        # A thread that waits for room in the pipe finds nobody there to read it.
+        os.close(self._source)
+        os.write(self._stop, b"\0")
+        self._thread.join()
+        os.close(self._stopped)
+        os.close(self._stop)
+        self._port.close()
 
 
 def _describe_error(error: BaseException) -> str:
