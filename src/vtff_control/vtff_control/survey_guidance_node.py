@@ -77,6 +77,7 @@ class SurveyGuidanceNode(VtffNode):
     """
 
     Parameters = SurveyGuidanceNodeParameters
+    needs_middleware = True  # calls formation_guidance
 
     def __init__(self, **node_arguments: object) -> None:
         super().__init__("survey_guidance", **node_arguments)

@@ -86,7 +86,11 @@ def spin(nodes: Sequence[VtffNode], stop: StopRequest) -> int:
     executor = make_executor()
     ended: Future = Future()
 
+    delivery = VtffNode.local_delivery
+
     def end() -> None:
+        if delivery is not None:
+            delivery.close()
         if not ended.done():
             ended.set_result(None)
 
@@ -102,6 +106,9 @@ def spin(nodes: Sequence[VtffNode], stop: StopRequest) -> int:
         executor.add_node(node)
         node.on_finish = end
         node.begin()
+    if delivery is not None:
+        delivery.call_soon = executor.create_task
+        delivery.deliver_soon()  # what nodes have published while they were made
     watch.start()
     if not any(node.lockstep for node in nodes) and not is_niceness_chosen():
         niceness = min(node.niceness for node in nodes)
@@ -121,6 +128,8 @@ def spin(nodes: Sequence[VtffNode], stop: StopRequest) -> int:
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
     finally:
+        if delivery is not None:
+            delivery.close()
         watch.close()
         timer.cancel()
         deadline = time.monotonic() + ACKNOWLEDGE_TIMEOUT

@@ -12,11 +12,13 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rclpy.client import Client
 from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.publisher import Publisher
-from rclpy.qos import QoSProfile
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.serialization import deserialize_message, serialize_message
 from rclpy.subscription import Subscription
 from rclpy.timer import Timer
 
@@ -24,6 +26,7 @@ from vtff_msgs.msg import StepDone
 from vtff_node import diagnostics, parameters, qos
 from vtff_node.message_bytes import MessageBytes, message_bytes
 from vtff_node.plugins.loading import Plugin, PluginError, PluginGroup, load_plugin
+from vtff_node.process.local_delivery import LocalDelivery
 from vtff_node.process.run_environment import PROGRESS_VARIABLE, RUN_DIRECTORY_VARIABLE
 from vtff_node.stamps import to_nanoseconds, to_stamp
 from vtff_node.start.awaited_inputs import AwaitedInputs
@@ -75,21 +78,38 @@ class CountingPublisher(Publisher):
 
     def __init__(self, publisher: Any, message_type: type, *arguments: Any, **options: Any) -> None:
         super().__init__(publisher, message_type, *arguments, **options)
-        self._publish_bytes: Callable[[bytes], None] = publisher.publish_raw
+        self._publish_raw: Callable[[bytes], None] = publisher.publish_raw
         self._conversion = message_bytes(message_type)
+        self._message_class = message_type
+        self._delivery = VtffNode.local_delivery
+        self._receivers = (
+            []
+            if self._delivery is None
+            else self._delivery.receivers_of((self.topic_name, message_type))
+        )
 
     def publish(self, msg: Any) -> None:
         """Publish a message or serialised bytes and count it."""
-        self.published += 1
         if self._conversion is not None and type(msg) is self.msg_type:
-            self._publish_bytes(self._conversion.serialize(msg))
+            self.publish_bytes(self._conversion.serialize(msg))
+        elif isinstance(msg, bytes):
+            self.publish_bytes(msg)
+        elif self._delivery is not None and isinstance(msg, self._message_class):
+            self.publish_bytes(serialize_message(msg))
         else:
+            self.published += 1
             super().publish(msg)
 
     def publish_bytes(self, content: bytes) -> None:
         """Publish a serialised message and count it."""
         self.published += 1
-        self._publish_bytes(content)
+        self._publish_raw(content)
+        if self._delivery is not None:
+            self._delivery.send(self._receivers, content)
+
+    def get_subscription_count(self) -> int:
+        """Return how many subscriptions this publisher has, those of its process among them."""
+        return int(super().get_subscription_count()) + len(self._receivers)
 
 
 class VtffNode(Node):
@@ -105,11 +125,18 @@ class VtffNode(Node):
     Plugins: ClassVar[PluginGroup | None] = None
     #: Whether a process of such nodes alone never interrupts the work of another process.
     yields_to_others: ClassVar[bool] = False
+    #: Whether it can hear nodes of its own process by the middleware alone: it calls their services
+    #: or actions, or records their logs. No messages are delivered locally in such a process.
+    needs_middleware: ClassVar[bool] = False
+    #: Brings the messages of the nodes of this process to each other; None: the middleware does.
+    local_delivery: ClassVar[LocalDelivery | None] = None
     #: Niceness in real time where the system permits it: other work of the machine waits then, so
     #: that it does not come between a measurement and its command.
     niceness: ClassVar[int] = -10
 
     def __init__(self, name: str, **node_arguments: Any) -> None:
+        #: Ends what subscriptions receive from nodes of this process.
+        self._end_receiving: dict[Subscription, Callable[[], None]] = {}
         super().__init__(name, **node_arguments)
         self.common = parameters.declare(self, CommonParameters)
         #: In lockstep, subscriptions also receive what was published before their discovery.
@@ -175,6 +202,63 @@ class VtffNode(Node):
         assert isinstance(publisher, CountingPublisher)
         self._counted.append(publisher)
         return publisher
+
+    def create_publisher(self, msg_type: Any, *arguments: Any, **options: Any) -> Publisher:
+        """Create a publisher as rclpy does; nodes of this process hear it by `local_delivery`."""
+        if VtffNode.local_delivery is not None:
+            options.setdefault("publisher_class", CountingPublisher)
+        return super().create_publisher(msg_type, *arguments, **options)
+
+    def create_subscription(
+        self,
+        msg_type: Any,
+        topic: str,
+        callback: Callable[[Any], Any],
+        *arguments: Any,
+        **options: Any,
+    ) -> Subscription:
+        """Create a subscription as rclpy does; it hears nodes of this process, too."""
+        delivery = VtffNode.local_delivery
+        if delivery is None:
+            return super().create_subscription(msg_type, topic, callback, *arguments, **options)
+        wrapped = delivery.delivering_after(callback)
+        subscription = super().create_subscription(msg_type, topic, wrapped, *arguments, **options)
+        receiver: Callable[[bytes], Any] = callback
+        if not options.get("raw"):
+            receiver = _taking_message(msg_type, callback)
+        durability = subscription.qos_profile.durability
+        self._end_receiving[subscription] = delivery.add_receiver(
+            (subscription.topic_name, msg_type),
+            receiver,
+            with_history=durability is DurabilityPolicy.TRANSIENT_LOCAL,
+        )
+        return subscription
+
+    def destroy_subscription(self, subscription: Subscription) -> bool:
+        """Destroy a subscription as rclpy does."""
+        self._end_receiving.pop(subscription, lambda: None)()
+        return bool(super().destroy_subscription(subscription))
+
+    def create_timer(
+        self, timer_period_sec: float, callback: Callable[[], Any], *arguments: Any, **options: Any
+    ) -> Timer:
+        """Create a timer as rclpy does."""
+        if VtffNode.local_delivery is not None:
+            callback = VtffNode.local_delivery.delivering_after(callback)
+        return super().create_timer(timer_period_sec, callback, *arguments, **options)
+
+    def create_client(self, *arguments: Any, **options: Any) -> Client:
+        """Create a client of a service as rclpy does.
+
+        Raises
+        ------
+        RuntimeError
+            If messages are delivered locally, so that services of this process are not heard.
+        """
+        if VtffNode.local_delivery is not None:
+            name = type(self).__name__
+            raise RuntimeError(f"{name} calls services: its class must set needs_middleware = True")
+        return super().create_client(*arguments, **options)
 
     def subscribe(
         self,
@@ -466,6 +550,15 @@ def _taking_bytes(
 
     def take(content: Any) -> None:
         callback(conversion.deserialize(content) if isinstance(content, bytes) else content)
+
+    return take
+
+
+def _taking_message(message_type: Any, callback: Callable[[Any], Any]) -> Callable[[bytes], Any]:
+    """Return a function that takes the bytes of a message and hands on the message."""
+
+    def take(content: bytes) -> Any:
+        return callback(deserialize_message(content, message_type))
 
     return take
 

@@ -1,0 +1,153 @@
+"""Messages between the nodes of one process, without the middleware.
+
+A message within a process takes the middleware longer than what most nodes do with it. Here its
+bytes are handed on: each node makes a message of its own of them, as of those that come from other
+processes. What other processes publish and hear goes the usual way. The middleware must not bring
+the messages of its own process as well (`vtff_bringup.system.composed` tells it so).
+
+Messages are delivered after the callback that published them, in their order, so that no callback
+runs within another. No ROS.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Callable, Hashable
+from typing import Any
+
+__all__ = ["LocalDelivery"]
+
+#: Takes the bytes of a message.
+Receiver = Callable[[bytes], object]
+
+#: Wall time after which other callbacks have their turn, s; timers and signals among them.
+LONGEST_TURN = 1e-3
+
+
+class LocalDelivery:
+    """Hands the bytes of messages to the receivers within a process.
+
+    Attributes
+    ----------
+    call_soon : callable or None
+        Has a function called by the thread that runs callbacks; may be called by any thread. As
+        long as it is None messages wait.
+    """
+
+    def __init__(self) -> None:
+        self._receivers: dict[Hashable, list[Receiver]] = {}
+        self._waiting: deque[tuple[list[Receiver], bytes]] = deque()
+        self._is_delivering = False
+        self._is_called = False
+        self._is_closed = False
+        self.call_soon: Callable[[Callable[[], None]], object] | None = None
+
+    def receivers_of(self, topic: Hashable) -> list[Receiver]:
+        """Return the receivers of a topic: a list that changes with them, for `send` only.
+
+        Parameters
+        ----------
+        topic
+            Its name and the type of its messages.
+        """
+        return self._receivers.setdefault(topic, [])
+
+    def add_receiver(
+        self, topic: Hashable, receiver: Receiver, *, with_history: bool
+    ) -> Callable[[], None]:
+        """Have the messages of a topic delivered to a receiver; return what ends that.
+
+        Parameters
+        ----------
+        topic, receiver
+            Topic as for `receivers_of`.
+        with_history
+            Also those that wait already: before the first callback these are all.
+        """
+        receivers = self.receivers_of(topic)
+        if not with_history:
+            sent_before = sum(each is receivers for each, _ in self._waiting)
+            receiver = _skipping(sent_before, receiver) if sent_before else receiver
+        receivers.append(receiver)
+        return lambda: receivers.remove(receiver)
+
+    def send(self, receivers: list[Receiver], content: bytes) -> None:
+        """Deliver a message to the receivers that there are then.
+
+        Parameters
+        ----------
+        receivers
+            As from `receivers_of`.
+        content
+            The message.
+        """
+        if self._is_closed or (not receivers and self.call_soon is not None):
+            return
+        self._waiting.append((receivers, content))
+        # After it was added: a delivery that ends just now looks once more.
+        if not self._is_delivering:
+            self.deliver_soon()
+
+    def close(self) -> None:
+        """Deliver nothing more: a node has ended the process."""
+        self._is_closed = True
+        self._waiting.clear()
+
+    def deliver_soon(self) -> None:
+        """Have what waits delivered by the thread that runs callbacks."""
+        if self._waiting and not self._is_called and self.call_soon is not None:
+            self._is_called = True
+            self.call_soon(self._deliver_called)
+
+    def delivering_after(self, callback: Callable[..., Any]) -> Callable[..., None]:
+        """Return a callback after which its messages are delivered, sooner than by `call_soon`."""
+
+        def call(*arguments: Any) -> None:
+            if self._is_delivering:  # called by another callback
+                callback(*arguments)
+                return
+            self._is_delivering = True
+            try:
+                callback(*arguments)
+                self._deliver()
+            finally:
+                self._is_delivering = False
+                self.deliver_soon()
+
+        return call
+
+    def _deliver_called(self) -> None:
+        self._is_called = False
+        self._is_delivering = True
+        try:
+            self._deliver()
+        finally:
+            self._is_delivering = False
+            self.deliver_soon()
+
+    def _deliver(self) -> None:
+        """Deliver what waits, and what comes of it, for a time."""
+        waiting = self._waiting
+        if not waiting:
+            return
+        until = time.perf_counter() + LONGEST_TURN
+        while waiting:
+            receivers, content = waiting.popleft()
+            for receiver in tuple(receivers):
+                receiver(content)
+            if time.perf_counter() > until:
+                return
+
+
+def _skipping(count: int, receiver: Receiver) -> Receiver:
+    """Return a receiver that leaves out the first messages."""
+
+    def take(content: bytes) -> None:
+        nonlocal count
+        if count:
+            count -= 1
+        else:
+            receiver(content)
+
+    return take
