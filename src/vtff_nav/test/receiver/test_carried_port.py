@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import random
 import select
@@ -137,6 +138,73 @@ def test_the_other_direction_is_that_of_the_port(line):
     assert line.port.baud == 9600
 
 
+def test_a_forked_process_that_holds_the_pipe_hides_no_loss(line):
+    held = os.dup(line.port._sink)
+    line.unplug()
+
+    def is_lost() -> bool:
+        try:
+            return bool(line.port.read())
+        except PortError:
+            return True
+
+    until(is_lost, lambda: time.sleep(0.001))
+    os.close(held)
+
+
+def test_closing_waits_for_no_other_holder_of_a_full_pipe(line):
+    held = os.dup(line.port.fileno())
+    os.set_blocking(line.ours, False)
+    quiet_since = time.monotonic()
+    while time.monotonic() - quiet_since < 0.2:
+        try:
+            os.write(line.ours, b"x" * 4096)
+            quiet_since = time.monotonic()
+        except BlockingIOError:
+            time.sleep(0.001)
+    line.port.close()
+    assert carriers() == 0
+    os.close(held)
+
+
+def test_a_thread_that_ends_is_told(line, monkeypatch):
+    """And a port from which nobody carries any more is not readable for ever without a word."""
+    ours, theirs = os.openpty()
+    tty.setraw(theirs)
+    port = CarriedPort(open_port(live_address(os.ttyname(theirs)), BAUD), lambda *ends: None)
+    until(lambda: port._has_ended, lambda: time.sleep(0.001))
+    with pytest.raises(PortError, match="its thread has ended"):
+        port.read()
+    port.close()
+    os.close(ours)
+    os.close(theirs)
+
+
+def test_without_descriptors_the_port_is_closed_and_tells(monkeypatch):
+    ours, theirs = os.openpty()
+    tty.setraw(theirs)
+    port = open_port(live_address(os.ttyname(theirs)), BAUD)
+    first = os.pipe()
+    made = iter([first])
+
+    def pipe() -> tuple[int, int]:
+        try:
+            return next(made)
+        except StopIteration:
+            raise OSError(errno.EMFILE, "Too many open files") from None
+
+    monkeypatch.setattr(os, "pipe", pipe)
+    with pytest.raises(PortError, match="Too many open files"):
+        CarriedPort(port, carry)
+    for descriptor in (*first, port.fileno()):
+        with pytest.raises(OSError, match="Bad file descriptor"):
+            os.fstat(descriptor)
+    os.close(ours)
+    os.close(theirs)
+
+
 def test_without_a_compiler_there_is_no_function(monkeypatch):
     monkeypatch.setattr(live_port, "load_module_in_c", lambda name, source: None)
+    load_carry.cache_clear()
     assert load_carry() is None
+    load_carry.cache_clear()

@@ -9,18 +9,22 @@
 #include <poll.h>
 #include <unistd.h>
 
-#define MOST 65536
+#define READ_LENGTH 65536
 
-/* Return whether all bytes were written; a full pipe is waited for. */
-static int write_all(int sink, const char *bytes, ssize_t count)
+/* Return whether all bytes were written; room in a full pipe is waited for until `stop`. */
+static int write_all(int sink, int stop, const char *bytes, ssize_t count)
 {
     while (count > 0) {
         ssize_t written = write(sink, bytes, count);
-        if (written < 0 && errno != EINTR)
-            return 0;
         if (written > 0) {
             bytes += written;
             count -= written;
+        } else if (written < 0 && errno == EAGAIN) {
+            struct pollfd watched[2] = {{sink, POLLOUT, 0}, {stop, POLLIN, 0}};
+            if ((poll(watched, 2, -1) < 0 && errno != EINTR) || watched[1].revents)
+                return 0;
+        } else if (written < 0 && errno != EINTR) {
+            return 0;
         }
     }
     return 1;
@@ -28,7 +32,7 @@ static int write_all(int sink, const char *bytes, ssize_t count)
 
 static void carry_on(int source, int sink, int stop)
 {
-    char bytes[MOST];
+    char bytes[READ_LENGTH];
     for (;;) {
         struct pollfd watched[2] = {{source, POLLIN, 0}, {stop, POLLIN, 0}};
         if (poll(watched, 2, -1) < 0) {
@@ -38,9 +42,9 @@ static void carry_on(int source, int sink, int stop)
         }
         if (watched[1].revents || !(watched[0].revents & POLLIN))
             return;
-        ssize_t count = read(source, bytes, MOST);
+        ssize_t count = read(source, bytes, READ_LENGTH);
         if (count > 0) {
-            if (!write_all(sink, bytes, count))
+            if (!write_all(sink, stop, bytes, count))
                 return;
         } else if ((watched[0].revents & (POLLHUP | POLLERR))
                    || (count < 0 && errno != EINTR && errno != EAGAIN)) {

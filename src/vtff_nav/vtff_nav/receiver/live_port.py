@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import errno
 import fcntl
+import functools
 import os
 import pathlib
 import select
@@ -280,6 +281,7 @@ class TcpPort:
         self._socket.close()
 
 
+@functools.cache
 def load_carry() -> Callable[[int, int, int], None] | None:
     """Return the function in C that carries bytes; None where it cannot be compiled."""
     carry: Callable[[int, int, int], None] | None = getattr(
@@ -298,7 +300,7 @@ class CarriedPort:
     Parameters
     ----------
     port : LivePort
-        Is closed with this one.
+        Is closed with this one, also where this one cannot be made.
     carry : callable
         The function of `load_carry`.
 
@@ -306,25 +308,35 @@ class CarriedPort:
     ----------
     baud : int or None
         Rate in bit/s; None if the port has no rate.
+
+    Raises
+    ------
+    PortError
+        If there is no descriptor or thread left for it.
     """
 
     def __init__(self, port: LivePort, carry: Callable[[int, int, int], None]) -> None:
         self._port = port
         self.baud = port.baud
         self._carry = carry
-        self._source, self._sink = os.pipe()
-        self._stopped, self._stop = os.pipe()
-        os.set_blocking(self._source, False)
-        with contextlib.suppress(OSError):  # a system may permit less
-            fcntl.fcntl(self._sink, fcntl.F_SETPIPE_SZ, PIPE_SIZE)
         self._is_open = True
-        self._thread = threading.Thread(target=self._run, name="port carrier", daemon=True)
-        self._thread.start()
+        self._has_ended = False
+        with contextlib.ExitStack() as made:
+            made.callback(port.close)
+            try:
+                self._source, self._sink = _make_pipe(made)
+                self._stopped, self._stop = _make_pipe(made)
+                self._thread = threading.Thread(target=self._run, name="port carrier", daemon=True)
+                self._thread.start()
+            except (OSError, RuntimeError) as error:
+                raise PortError(f"the line cannot be read by a thread: {error}") from error
+            made.pop_all()
 
     def _run(self) -> None:
         try:
             self._carry(self._port.fileno(), self._sink, self._stopped)
         finally:
+            self._has_ended = True
             os.close(self._sink)
 
     def fileno(self) -> int:
@@ -336,9 +348,14 @@ class CarriedPort:
         try:
             content = os.read(self._source, READ_LENGTH)
         except (BlockingIOError, InterruptedError):
-            return b""
-        # The thread has ended: the port tells why.
-        return content or self._port.read()
+            if not self._has_ended:
+                return b""
+            content = b""  # a process that was forked may hold the pipe still
+        if not content:
+            content = self._port.read()  # which tells why the thread has ended
+        if not content:
+            raise PortError("the line is not read any more: its thread has ended")
+        return content
 
     def write(self, content: bytes | bytearray) -> int:
         """Write the bytes that fit; raise `PortError` if the port is lost."""
@@ -361,6 +378,17 @@ class CarriedPort:
         os.close(self._stopped)
         os.close(self._stop)
         self._port.close()
+
+
+def _make_pipe(made: contextlib.ExitStack) -> tuple[int, int]:
+    """Return both ends of a pipe that holds much and never blocks; they are closed with `made`."""
+    ends = os.pipe()
+    for end in ends:
+        made.callback(os.close, end)
+        os.set_blocking(end, False)
+    with contextlib.suppress(OSError):  # a system may permit less
+        fcntl.fcntl(ends[1], fcntl.F_SETPIPE_SZ, PIPE_SIZE)
+    return ends
 
 
 def _describe_error(error: BaseException) -> str:
