@@ -17,6 +17,8 @@ import pytest
 from vtff_gnss.novatel import ReceiverLogStream
 from vtff_gnss.observations import ObservationEpoch
 from vtff_sim_bridge.bridge.simgen_link import SimGenLink
+from vtff_sim_bridge.receiver.receiver_port import ReceiverPort
+from vtff_sim_bridge.receiver.truth_file import TruthFile
 from vtff_sim_bridge.simgen.emulator_state import ScenarioMachine
 from vtff_sim_bridge.simgen.gnss_emulation import GnssEmulation, ReceiverSet
 from vtff_sim_bridge.simgen.simremote_server import SimRemoteServer
@@ -160,6 +162,21 @@ def test_nothing_is_measured_ahead_while_bytes_wait_for_a_client(benches, monkey
     early.fly(1, True)
     assert any(waiting), "a second is more than a terminal holds"
     assert len(looks) >= STEPS and not np.any(looks)
+
+
+@pytest.mark.parametrize(("clock_mode", "writes"), [("lockstep", False), ("realtime", True)])
+def test_a_client_that_stalls_keeps_no_truth_back_in_real_time(
+    tmp_path, monkeypatch, clock_mode, writes
+):
+    emulation = GnssEmulation(
+        ScenarioMachine(support.VEHICLES, clock_mode=clock_mode), support.configuration(), tmp_path
+    )
+    flushes = []
+    monkeypatch.setattr(TruthFile, "flush", lambda self: flushes.append(self))
+    monkeypatch.setattr(ReceiverPort, "pending_bytes", 5)
+    emulation.settle()
+    assert bool(flushes) is writes
+    emulation.close()
 
 
 def test_where_levels_are_commanded_nothing_is_measured_ahead(benches):

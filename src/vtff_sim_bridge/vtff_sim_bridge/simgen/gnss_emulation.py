@@ -362,14 +362,14 @@ class GnssEmulation:
     def settle(self) -> None:
         """Write the truth of what was sent, and measure ahead in lockstep.
 
-        Not while bytes wait for a client: a pseudo-terminal holds a part of a second only, and who
-        reads it waits for the rest. Nor is measured where levels are commanded: they hold from the
-        next epoch that is not measured yet.
+        In lockstep not while bytes wait for a client: a pseudo-terminal holds a part of a second
+        only, and who reads it waits for the rest. Nor is measured where levels are commanded: they
+        hold from the next epoch that is not measured yet.
         """
-        if any(port.pending_bytes for port in self.ports.values()):
+        machine = self._machine
+        if machine.is_lockstep and any(port.pending_bytes for port in self.ports.values()):
             return
         self._truth.flush()
-        machine = self._machine
         is_running = machine.is_lockstep and machine.status is SimGenStatus.RUNNING
         if self._set is not None and is_running and not machine.power_commands:
             end = machine.duration_seconds * NANOSECONDS_PER_SECOND
