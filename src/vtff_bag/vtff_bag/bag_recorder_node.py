@@ -88,7 +88,8 @@ class BagRecorderNode(VtffNode):
     """Record every topic into an MCAP bag, stamped with scenario time, until SIGINT or SIGTERM."""
 
     Parameters = BagRecorderParameters
-    needs_middleware = True  # records /rosout
+    #: It records /rosout.
+    needs_middleware = True
     yields_to_others = True
     #: What acts on messages goes before what keeps them.
     niceness = 5

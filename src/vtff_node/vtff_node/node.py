@@ -80,7 +80,6 @@ class CountingPublisher(Publisher):
         super().__init__(publisher, message_type, *arguments, **options)
         self._publish_raw: Callable[[bytes], None] = publisher.publish_raw
         self._conversion = message_bytes(message_type)
-        self._message_class = message_type
         self._delivery = VtffNode.local_delivery
         self._receivers = (
             []
@@ -94,11 +93,12 @@ class CountingPublisher(Publisher):
             self.publish_bytes(self._conversion.serialize(msg))
         elif isinstance(msg, bytes):
             self.publish_bytes(msg)
-        elif self._delivery is not None and isinstance(msg, self._message_class):
-            self.publish_bytes(serialize_message(msg))
         else:
             self.published += 1
             super().publish(msg)
+            if self._delivery is not None and self._delivery.has_use_for(self._receivers):
+                # Not for the recorder: more bytes than the message has, of unknown content.
+                self._delivery.send(self._receivers, serialize_message(msg))
 
     def publish_bytes(self, content: bytes) -> None:
         """Publish a serialised message and count it."""
@@ -217,10 +217,18 @@ class VtffNode(Node):
         *arguments: Any,
         **options: Any,
     ) -> Subscription:
-        """Create a subscription as rclpy does; it hears nodes of this process, too."""
+        """Create a subscription as rclpy does; it hears nodes of this process, too.
+
+        Raises
+        ------
+        RuntimeError
+            If its topic is /rosout and messages are delivered locally, see `create_client`.
+        """
         delivery = VtffNode.local_delivery
         if delivery is None:
             return super().create_subscription(msg_type, topic, callback, *arguments, **options)
+        if self.resolve_topic_name(topic) == "/rosout":
+            self._refuse_local_delivery("hears /rosout")
         wrapped = delivery.delivering_after(callback)
         subscription = super().create_subscription(msg_type, topic, wrapped, *arguments, **options)
         receiver: Callable[[bytes], Any] = callback
@@ -255,10 +263,26 @@ class VtffNode(Node):
         RuntimeError
             If messages are delivered locally, so that services of this process are not heard.
         """
+        self._refuse_local_delivery("calls services")
+        return super().create_client(*arguments, **options)
+
+    def add_waitable(self, waitable: Any) -> None:
+        """Add a waitable as rclpy does.
+
+        Raises
+        ------
+        RuntimeError
+            If it is a client of an action and messages are delivered locally, see `create_client`.
+        """
+        if type(waitable).__name__ == "ActionClient":
+            self._refuse_local_delivery("calls actions")
+        super().add_waitable(waitable)
+
+    def _refuse_local_delivery(self, what: str) -> None:
+        """Raise RuntimeError where this node does what only the middleware can bring about."""
         if VtffNode.local_delivery is not None:
             name = type(self).__name__
-            raise RuntimeError(f"{name} calls services: its class must set needs_middleware = True")
-        return super().create_client(*arguments, **options)
+            raise RuntimeError(f"{name} {what}: its class must set needs_middleware = True")
 
     def subscribe(
         self,

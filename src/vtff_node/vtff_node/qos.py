@@ -11,8 +11,8 @@ from __future__ import annotations
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
 #: Messages a publisher keeps. Lockstep lets a side branch lag by at most 50 steps of up to 20
-#: messages a topic, so nothing is overwritten unread: a second recorder gets what a lost one has
-#: not read. In real time these are 55 s of 20 Hz data.
+#: messages a topic, or 200 of up to 5, so nothing is overwritten unread: a second recorder gets
+#: what a lost one has not read. In real time these are 55 s of 20 Hz data.
 HISTORY_DEPTH = 1100
 
 #: Publishers of data, commands, events and /clock.

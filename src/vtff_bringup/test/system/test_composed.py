@@ -28,13 +28,21 @@ from vtff_node.node import VtffNode
 from vtff_node.process.run_environment import PROFILES_VARIABLE
 
 PROFILE = pathlib.Path(__file__).resolve().parents[4] / "config/dds/fastdds.xml"
+DEFAULT_PROFILES = """<?xml version="1.0" encoding="UTF-8"?>
+<profiles xmlns="http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles">
+  <participant profile_name="own" is_default_profile="true"><rtps/></participant>
+</profiles>
+"""
 LIMIT = 60.0  # s after which a test gives up
 
 PROGRAM = """
     import pathlib, sys
+    from rcl_interfaces.msg import Log
+    from rclpy.action import ActionClient
     from std_msgs.msg import String
     from std_srvs.srv import Trigger
     from vtff_bringup.system.composed import deliver_locally
+    from vtff_msgs.action import Reconfigure
     from vtff_node.main import run_nodes
     from vtff_node.node import VtffNode
 
@@ -76,6 +84,16 @@ PROGRAM = """
             super().__init__()
             self.create_client(Trigger, "service")
 
+    class Commanding(Listener):
+        def __init__(self):
+            super().__init__()
+            ActionClient(self, Reconfigure, "action")
+
+    class Reading(Listener):
+        def __init__(self):
+            super().__init__()
+            self.create_subscription(Log, "/rosout", print, 10)
+
     assert deliver_locally([Speaker, Listener], pathlib.Path(sys.argv[1])) is {is_local}
     sys.exit(run_nodes([Speaker, {listener}], sys.argv[:1]))
 """
@@ -100,6 +118,7 @@ def start(
     return subprocess.Popen(
         [sys.executable, "-c", program, str(folder)],
         env=environment,
+        cwd=folder,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
@@ -145,10 +164,12 @@ def other(monkeypatch) -> Iterator[Other]:
         made.close()
 
 
-@pytest.mark.parametrize("is_local", [True, False])
-def test_each_message_comes_once_within_the_process_and_to_and_from_others(
-    other, tmp_path, is_local
-):
+@pytest.mark.parametrize("case", ["local", "middleware", "another profile holds"])
+def test_each_message_comes_once_within_the_process_and_to_and_from_others(other, tmp_path, case):
+    is_local = case != "middleware"
+    if case == "another profile holds":
+        # Fast DDS finds it in the working directory, and it goes before that of the environment.
+        (tmp_path / "DEFAULT_FASTRTPS_PROFILES.xml").write_text(DEFAULT_PROFILES)
     process = start(tmp_path, other.domain, is_local=is_local)
     try:
         other.until_heard("3")
@@ -181,12 +202,16 @@ def test_a_callback_that_fails_ends_the_process(other, tmp_path, broken):
     assert errors.strip().endswith("KeyError: 'broken'")
 
 
-def test_a_node_that_asks_others_must_say_so(tmp_path):
+@pytest.mark.parametrize(
+    ("listener", "what"),
+    [("Asking", "calls services"), ("Commanding", "calls actions"), ("Reading", "hears /rosout")],
+)
+def test_a_node_that_needs_the_middleware_must_say_so(tmp_path, listener, what):
     with domain_id() as domain:
-        process = start(tmp_path, domain, listener="Asking")
+        process = start(tmp_path, domain, listener=listener)
         _, errors = process.communicate(timeout=LIMIT)
     assert process.returncode == 1
-    assert "Asking calls services: its class must set needs_middleware = True" in errors
+    assert f"{listener} {what}: its class must set needs_middleware = True" in errors
 
 
 @pytest.fixture
@@ -215,9 +240,11 @@ def test_with_a_node_that_needs_the_middleware_all_messages_go_through_it(
     assert os.environ[PROFILES_VARIABLE] == str(PROFILE)
 
 
-@pytest.mark.parametrize("profile", ["", "absent.xml", "own.xml"])
+@pytest.mark.parametrize("profile", ["", "absent.xml", "own.xml", "properties.xml"])
 def test_a_profile_of_the_user_stays_as_it_is(undelivered, tmp_path, monkeypatch, profile):
     (tmp_path / "own.xml").write_text("<dds><profiles><participant/></profiles></dds>")
+    properties = "<rtps><propertiesPolicy><properties/></propertiesPolicy>"
+    (tmp_path / "properties.xml").write_text(PROFILE.read_text().replace("<rtps>", properties))
     chosen = str(tmp_path / profile) if profile else ""
     monkeypatch.setenv(PROFILES_VARIABLE, chosen)
     assert not composed.deliver_locally([SdreControllerNode], tmp_path)

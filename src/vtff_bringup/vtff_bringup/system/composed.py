@@ -34,8 +34,8 @@ LOCAL_DELIVERY_VARIABLE = "VTFF_LOCAL_DELIVERY"
 PROFILE_FILE = "fastdds_composed.xml"
 
 # The participant in the profiles of vtff, and what is added to it.
-_PARTICIPANT = '<participant profile_name="vtff_participant" is_default_profile="true">'
-_CONTENT = "<rtps>"
+_PARTICIPANT_TAG = '<participant profile_name="vtff_participant" is_default_profile="true">'
+_CONTENT_TAG = "<rtps>"
 _IGNORES_OWN_ENDPOINTS = (
     "<propertiesPolicy><properties><property>"
     "<name>fastdds.ignore_local_endpoints</name><value>true</value>"
@@ -73,7 +73,7 @@ def deliver_locally(node_classes: Iterable[Any], folder: pathlib.Path) -> bool:
         False where that is not possible: a node needs the middleware, the middleware is another one
         than Fast DDS or has a profile that is not of vtff, or the user does not want it.
     """
-    profile = _read_profile()
+    profile = _changed_profile()
     if (
         os.environ.get(LOCAL_DELIVERY_VARIABLE) == "0"
         or any(each.needs_middleware for each in node_classes)
@@ -86,12 +86,13 @@ def deliver_locally(node_classes: Iterable[Any], folder: pathlib.Path) -> bool:
         path.write_text(profile, encoding="utf-8")
     except OSError:
         return False
+    # Programs that nodes start inherit it: endpoints of such a program hear each other no more.
     os.environ[PROFILES_VARIABLE] = str(path)
     VtffNode.local_delivery = LocalDelivery()
     return True
 
 
-def _read_profile() -> str | None:
+def _changed_profile() -> str | None:
     """Return the profile in force such that Fast DDS ignores endpoints of its own process.
 
     None if it is not one of vtff.
@@ -100,10 +101,11 @@ def _read_profile() -> str | None:
         text = pathlib.Path(os.environ.get(PROFILES_VARIABLE, "")).read_text(encoding="utf-8")
     except (OSError, ValueError):
         return None
-    before, participant, after = text.partition(_PARTICIPANT)
-    if _CONTENT not in after:
+    before, participant, after = text.partition(_PARTICIPANT_TAG)
+    # With a second list of properties Fast DDS would refuse the whole profile.
+    if _CONTENT_TAG not in after or "<propertiesPolicy" in text:
         return None
-    changed = after.replace(_CONTENT, _CONTENT + _IGNORES_OWN_ENDPOINTS, 1)
+    changed = after.replace(_CONTENT_TAG, _CONTENT_TAG + _IGNORES_OWN_ENDPOINTS, 1)
     return before + participant + changed
 
 

@@ -44,7 +44,7 @@ class LocalDelivery:
         self.call_soon: Callable[[Callable[[], None]], object] | None = None
 
     def receivers_of(self, topic: Hashable) -> list[Receiver]:
-        """Return the receivers of a topic: a list that changes with them, for `send` only.
+        """Return the receivers of a topic: a list that changes with them.
 
         Parameters
         ----------
@@ -67,10 +67,14 @@ class LocalDelivery:
         """
         receivers = self.receivers_of(topic)
         if not with_history:
-            sent_before = sum(each is receivers for each, _ in self._waiting)
+            sent_before = sum(each is receivers for each, _ in tuple(self._waiting))
             receiver = _skipping(sent_before, receiver) if sent_before else receiver
         receivers.append(receiver)
         return lambda: receivers.remove(receiver)
+
+    def has_use_for(self, receivers: list[Receiver]) -> bool:
+        """Return whether a message to these receivers would be delivered, now or later."""
+        return not self._is_closed and bool(receivers or self.call_soon is None)
 
     def send(self, receivers: list[Receiver], content: bytes) -> None:
         """Deliver a message to the receivers that there are then.
@@ -82,7 +86,7 @@ class LocalDelivery:
         content
             The message.
         """
-        if self._is_closed or (not receivers and self.call_soon is not None):
+        if not self.has_use_for(receivers):
             return
         self._waiting.append((receivers, content))
         # After it was added: a delivery that ends just now looks once more.
