@@ -109,7 +109,11 @@ class CountingPublisher(Publisher):
 
     def get_subscription_count(self) -> int:
         """Return how many subscriptions this publisher has, those of its process among them."""
-        return int(super().get_subscription_count()) + len(self._receivers)
+        return self.count_subscriptions_of_middleware() + len(self._receivers)
+
+    def count_subscriptions_of_middleware(self) -> int:
+        """Return how many subscriptions the middleware serves: not those of `local_delivery`."""
+        return int(super().get_subscription_count())
 
 
 class VtffNode(Node):
