@@ -86,7 +86,6 @@ def spin(nodes: Sequence[VtffNode], stop: StopRequest) -> int:
     gc.enable()
     executor = make_executor()
     ended: Future = Future()
-
     delivery = VtffNode.local_delivery
 
     def end() -> None:
@@ -129,8 +128,7 @@ def spin(nodes: Sequence[VtffNode], stop: StopRequest) -> int:
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
     finally:
-        if delivery is not None:
-            delivery.close()
+        end()
         watch.close()
         timer.cancel()
         deadline = time.monotonic() + ACKNOWLEDGE_TIMEOUT

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import json
 import os
 import pathlib
@@ -24,7 +25,7 @@ from rclpy.timer import Timer
 
 from vtff_msgs.msg import StepDone
 from vtff_node import diagnostics, parameters, qos
-from vtff_node.message_bytes import MessageBytes, message_bytes
+from vtff_node.message_bytes import message_bytes
 from vtff_node.plugins.loading import Plugin, PluginError, PluginGroup, load_plugin
 from vtff_node.process.local_delivery import LocalDelivery
 from vtff_node.process.run_environment import PROGRESS_VARIABLE, RUN_DIRECTORY_VARIABLE
@@ -237,7 +238,8 @@ class VtffNode(Node):
         subscription = super().create_subscription(msg_type, topic, wrapped, *arguments, **options)
         receiver: Callable[[bytes], Any] = callback
         if not options.get("raw"):
-            receiver = _taking_message(msg_type, callback)
+            deserialize = functools.partial(deserialize_message, message_type=msg_type)
+            receiver = _taking_bytes(deserialize, callback)
         durability = subscription.qos_profile.durability
         self._end_receiving[subscription] = delivery.add_receiver(
             (subscription.topic_name, msg_type),
@@ -314,7 +316,7 @@ class VtffNode(Node):
         subscription = self.create_subscription(
             message_type,
             topic,
-            callback if conversion is None else _taking_bytes(conversion, callback),
+            callback if conversion is None else _taking_bytes(conversion.deserialize, callback),
             qos.subscribe(self.lockstep or latched),
             raw=conversion is not None,
         )
@@ -572,21 +574,12 @@ class VtffNode(Node):
 
 
 def _taking_bytes(
-    conversion: MessageBytes, callback: Callable[[Any], None]
-) -> Callable[[Any], None]:
+    deserialize: Callable[[bytes], Any], callback: Callable[[Any], Any]
+) -> Callable[[Any], Any]:
     """Return a callback that takes a message as bytes, or as it is, and hands it on."""
 
     def take(content: Any) -> None:
-        callback(conversion.deserialize(content) if isinstance(content, bytes) else content)
-
-    return take
-
-
-def _taking_message(message_type: Any, callback: Callable[[Any], Any]) -> Callable[[bytes], Any]:
-    """Return a function that takes the bytes of a message and hands on the message."""
-
-    def take(content: bytes) -> Any:
-        return callback(deserialize_message(content, message_type))
+        callback(deserialize(content) if isinstance(content, bytes) else content)
 
     return take
 

@@ -371,12 +371,10 @@ class CarriedPort:
         if not self._is_open:
             return
         self._is_open = False
-        # A thread that waits for room in the pipe finds nobody there to read it.
-        os.close(self._source)
         os.write(self._stop, b"\0")
-        self._thread.join()
-        os.close(self._stopped)
-        os.close(self._stop)
+        self._thread.join()  # it has closed its end of the pipe
+        for descriptor in (self._source, self._stopped, self._stop):
+            os.close(descriptor)
         self._port.close()
 
 

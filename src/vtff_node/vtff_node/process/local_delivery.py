@@ -42,6 +42,7 @@ class LocalDelivery:
         self._is_called = False
         self._is_closed = False
         self.call_soon: Callable[[Callable[[], None]], object] | None = None
+        self._deliver_called = self.delivering_after(self._note_call)
 
     def receivers_of(self, topic: Hashable) -> list[Receiver]:
         """Return the receivers of a topic: a list that changes with them.
@@ -121,14 +122,8 @@ class LocalDelivery:
 
         return call
 
-    def _deliver_called(self) -> None:
+    def _note_call(self) -> None:
         self._is_called = False
-        self._is_delivering = True
-        try:
-            self._deliver()
-        finally:
-            self._is_delivering = False
-            self.deliver_soon()
 
     def _deliver(self) -> None:
         """Deliver what waits, and what comes of it, for a time."""
