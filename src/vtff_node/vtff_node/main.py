@@ -8,7 +8,6 @@ import gc
 import inspect
 import os
 import sys
-import threading
 import time
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -26,7 +25,7 @@ from vtff_node.node import ACKNOWLEDGE_TIMEOUT, EXIT_FAILURE, EXIT_USAGE, Common
 from vtff_node.parameters import ParameterError
 from vtff_node.plugins.loading import PluginError, help_lines
 from vtff_node.process.callback_watch import CallbackWatch
-from vtff_node.process.leaving import leave_process
+from vtff_node.process.leaving import leave_process, leave_process_after
 from vtff_node.process.lifeline import watch_lifeline
 from vtff_node.process.priority import is_niceness_chosen, set_niceness, yield_to_others
 from vtff_node.process.stop_signals import StopRequest
@@ -41,7 +40,10 @@ NO_PATIENCE = 1e-4
 #: Time after the end of all nodes at which their process leaves ROS and DDS behind, s.
 LEAVE_TIMEOUT = 2.0
 
-#: Longest time from the end of all nodes to the end of their process, s.
+#: Time to write the trace of a teardown that is left, s.
+TRACE_TIME = 0.5
+
+#: Longest time from the failure of a node to the end of its process, s.
 TEARDOWN_TIMEOUT = 10.0
 
 #: New objects after which Python looks for garbage in cycles, of which nodes make little: with the
@@ -134,10 +136,10 @@ def spin(nodes: Sequence[VtffNode], stop: StopRequest) -> int:
         deadline = time.monotonic() + ACKNOWLEDGE_TIMEOUT
         for node in nodes:
             node.close(max(0.0, deadline - time.monotonic()))
-        exit_code = max((node.exit_code for node in nodes), default=0)
-        leave_late_teardown(exit_code)
         limit_teardown()
-        executor.shutdown()
+    exit_code = max((node.exit_code for node in nodes), default=0)
+    leave_late_teardown(exit_code)
+    executor.shutdown()
     return exit_code
 
 
@@ -160,6 +162,7 @@ def run_nodes(factories: Sequence[Callable[[], VtffNode]], arguments: Sequence[s
     stop.install()
     watch_lifeline()
     nodes: list[VtffNode] = []
+    in_order = False
     try:
         if stop.requested:  # a signal came while Python was still starting
             return 0
@@ -179,11 +182,14 @@ def run_nodes(factories: Sequence[Callable[[], VtffNode]], arguments: Sequence[s
         return _end_without_memory(nodes, error)
     else:
         try:
-            return spin(nodes, stop)
+            exit_code = spin(nodes, stop)
         except MemoryError as error:
             return _end_without_memory(nodes, error)
+        in_order = True
+        return exit_code
     finally:
-        limit_teardown()
+        if not in_order:
+            limit_teardown()
         for node in nodes:
             node.destroy_node()
         rclpy.try_shutdown()
@@ -214,30 +220,20 @@ def leave_late_teardown(exit_code: int) -> None:
     """End the process with the exit code of its nodes if it still exists after `LEAVE_TIMEOUT`.
 
     The nodes have ended, their last messages are acknowledged, their counts are written: nothing of
-    the run is lost. Where the interpreter lock is held, only `limit_teardown` helps.
+    the run is lost. What is left is the work of ROS, DDS and Python, which has been seen to spin
+    without end, with the interpreter lock held, and to ignore all signals but SIGKILL. The trace on
+    stderr names the call.
     """
-    timer = threading.Timer(LEAVE_TIMEOUT, _leave, (exit_code,))
-    timer.daemon = True
-    with contextlib.suppress(RuntimeError):  # as below
-        timer.start()
-
-
-def _leave(exit_code: int) -> None:
-    print(
-        f"warning: ROS has not ended {LEAVE_TIMEOUT:g} s after its nodes; the process leaves it",
-        file=sys.stderr,
-        flush=True,
-    )
-    faulthandler.dump_traceback(file=2)
-    os._exit(exit_code)
+    with contextlib.suppress(RuntimeError, OSError):  # without memory there is no thread
+        faulthandler.dump_traceback_later(LEAVE_TIMEOUT, file=2)
+        leave_process_after(LEAVE_TIMEOUT + TRACE_TIME, exit_code)
 
 
 def limit_teardown() -> None:
     """End the process with code 1 if it still exists after `TEARDOWN_TIMEOUT`.
 
-    The nodes have ended and written their counts. What is left is the work of ROS, DDS and Python,
-    which has been seen to spin without end and to ignore all signals but SIGKILL. The trace on
-    stderr names the call. faulthandler needs neither the interpreter lock nor a signal handler.
+    Its nodes have not ended in order: making them or spinning them has failed. The trace on stderr
+    names the call. faulthandler needs neither the interpreter lock nor a signal handler.
     """
     with contextlib.suppress(RuntimeError):  # without memory its thread cannot be started
         faulthandler.dump_traceback_later(TEARDOWN_TIMEOUT, exit=True, file=2)
