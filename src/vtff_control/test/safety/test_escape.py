@@ -55,6 +55,31 @@ def test_escape_restores_the_bound(distance, side, height, speed, miss):
     assert fly(state, escape, 2.0, CAP, 600.0) > 30.5
 
 
+@settings(max_examples=40, deadline=None)
+@given(
+    st.floats(60.0, 1500.0),
+    st.floats(-22.0, 22.0),
+    st.floats(-30.0, 30.0),
+    st.integers(0, 729),
+    st.sampled_from([1.4, 0.05, 1e-3, 1e-4]),
+)
+def test_a_likely_manoeuvre_changes_nothing_of_whether_there_is_one(
+    distance, speed, miss, likely, cap
+):
+    motion = predict_formation([relative(t=distance, vt=-speed, n=miss)])
+    arguments = (motion, 1, BOUNDS, np.full(3, cap), 50.0, 2.0, 600.0)
+    cheapest, found = find_escape(*arguments), find_escape(*arguments, likely)
+    assert (found is None) == (cheapest is None)
+    if found is not None and found.number != likely:  # that is not clear
+        assert found.number == cheapest.number
+        np.testing.assert_array_equal(found.velocity_rtn, cheapest.velocity_rtn)
+    if found is not None:
+        again = find_escape(*arguments, found.number)
+        assert again.number == found.number
+        np.testing.assert_array_equal(again.velocity_rtn, found.velocity_rtn)
+        assert np.abs(found.velocity_rtn).max() <= 50.0
+
+
 def test_drift_is_stopped_where_that_is_enough():
     motion = predict_formation([relative(t=900.0, vt=-20.0)])
     escape = find_escape(motion, 1, BOUNDS, np.full(3, CAP), 50.0, 2.0, 600.0)

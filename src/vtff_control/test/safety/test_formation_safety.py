@@ -164,6 +164,7 @@ def test_commands_may_come_after_the_states(chief_thrusts, command):
             }
         )
         assert whole.pairs == parts.pairs
+        assert [p.probability for p in whole.pairs] == [p.probability for p in parts.pairs]
         assert {n: d.mode for n, d in whole.decisions.items()} == {
             n: d.mode for n, d in parts.decisions.items()
         }

@@ -269,19 +269,25 @@ class _Track(_Thruster):
     unreported_effect: FloatArray = field(default_factory=lambda: np.zeros((6, 6)))
     passive_steps: int = 0
     missing_steps: int = 0
+    way_out: int | None = None  # number of the manoeuvre that was found to be one
 
     def reset(self) -> None:
         """Forget what was isolated, and why, and who acts."""
         super().reset()
         self.passive_steps = self.missing_steps = 0
+        self.way_out = None
         self.monitor.reset()
 
 
 class _Prepared(NamedTuple):
-    """Motion of the chief without thrust, and covariances (n, 3, 3) of the known deputies."""
+    """Motion of the chief without thrust, and covariances (n, 3, 3) of the known deputies.
+
+    The steps are the states of the chief from now to the start of that motion, m and m/s.
+    """
 
     motion: ChiefMotion
     position_covariances: list[FloatArray]
+    steps: list[FloatArray]
 
 
 class FormationSafety:
@@ -368,7 +374,8 @@ class FormationSafety:
         self._watch_states(inputs)
         self._prepared = None
         if self._chief is not None and not self._chief_thrusts:
-            self._prepared = self._coasting_chief()
+            # Of a chief that never thrusts, where no command leads it.
+            self._prepared = self._predict_about(self._chief_steps({}, with_command=True))
 
     def decide(self, inputs: Mapping[str, SpacecraftInput]) -> SafetyStep:
         """Decide about the commands of the step whose states were taken last.
@@ -391,10 +398,11 @@ class FormationSafety:
             }
             return SafetyStep(unjudged, [])
         known = self._known_names()
-        chief, states = self._states_after(known, inputs, with_command=True)
         prepared = self._prepared
+        steps = self._chief_steps(inputs, with_command=True) if prepared is None else prepared.steps
+        states = self._states_after(known, inputs, steps, with_command=True)
         if prepared is None:  # the chief goes where its command leads it
-            prepared = self._predict_about(chief)
+            prepared = self._predict_about(steps)
         motion = prepared.motion.formation(
             (self._names[0], *known), states, prepared.position_covariances
         )
@@ -599,58 +607,64 @@ class FormationSafety:
         if self._setting.delay_steps:
             track.expected.append(wanted)
 
-    def _states_after(
-        self, known: Sequence[str], inputs: Mapping[str, SpacecraftInput], with_command: bool
-    ) -> tuple[FloatArray, list[FloatArray]]:
-        """Return the chief and the deputies when a command of now starts, or ends, to act."""
-        step, cap = self._setting.step, self._setting.acceleration_cap
-        delay_steps = self._setting.delay_steps
+    def _thrusts(
+        self, name: str, inputs: Mapping[str, SpacecraftInput], with_command: bool
+    ) -> list[FloatArray]:
+        """Return the thrust in each step until a command starts, or ends, to act."""
+        cap, delay_steps = self._setting.acceleration_cap, self._setting.delay_steps
+        thruster = self._tracks.get(name, self._chief_thruster)
+        command = inputs.get(name, SpacecraftInput()).command_rtn
+        wanted = np.zeros(3)
+        if command is not None and not thruster.reason:
+            wanted = np.clip(command, -cap, cap)
+        reported = [thruster.reported, *([np.zeros(3)] * (delay_steps - 1))][:delay_steps]
+        return [*reported, wanted] if with_command else reported
+
+    def _chief_steps(
+        self, inputs: Mapping[str, SpacecraftInput], with_command: bool
+    ) -> list[FloatArray]:
+        """Return the chief of now, and after each step until a command starts, or ends, to act."""
         assert self._chief is not None
+        steps = [self._chief]
+        for thrust in self._thrusts(self._names[0], inputs, with_command):
+            steps.append(_fly(steps[-1], steps[-1], thrust, self._setting.step))
+        return steps
 
-        def thrusts_of(name: str, thruster: _Thruster) -> list[FloatArray]:
-            command = inputs.get(name, SpacecraftInput()).command_rtn
-            wanted = np.zeros(3)
-            if command is not None and not thruster.reason:
-                wanted = np.clip(command, -cap, cap)
-            reported = [thruster.reported, *([np.zeros(3)] * (delay_steps - 1))][:delay_steps]
-            return [*reported, wanted] if with_command else reported
-
-        chiefs = [self._chief]
-        for thrust in thrusts_of(self._names[0], self._chief_thruster):
-            chiefs.append(_fly(chiefs[-1], chiefs[-1], thrust, step))
+    def _states_after(
+        self,
+        known: Sequence[str],
+        inputs: Mapping[str, SpacecraftInput],
+        chief_steps: Sequence[FloatArray],
+        with_command: bool,
+    ) -> list[FloatArray]:
+        """Return the deputies when a command of now starts, or ends, to act."""
         states = []
         for name in known:
-            track = self._tracks[name]
-            assert track.relative is not None
-            relative = track.relative
+            relative = self._tracks[name].relative
+            assert relative is not None
             for thrust, chief, after in zip(
-                thrusts_of(name, track), chiefs[:-1], chiefs[1:], strict=True
+                self._thrusts(name, inputs, with_command),
+                chief_steps[:-1],
+                chief_steps[1:],
+                strict=True,
             ):
-                relative = _advance(relative, chief, after, thrust, step)
+                relative = _advance(relative, chief, after, thrust, self._setting.step)
             states.append(relative)
-        return chiefs[-1], states
+        return states
 
-    def _coasting_chief(self) -> _Prepared:
-        """Return the motion from the end of a command of now on, of a chief that never thrusts."""
-        assert self._chief is not None
-        chief = self._chief
-        for _ in range(self._setting.delay_steps + 1):
-            chief = _fly(chief, chief, np.zeros(3), self._setting.step)
-        return self._predict_about(chief)
-
-    def _predict_about(self, chief: FloatArray) -> _Prepared:
-        """Return the motion of a chief, and the covariances of the known deputies about it."""
+    def _predict_about(self, steps: list[FloatArray]) -> _Prepared:
+        """Return the motion of a chief after steps, and the covariances of the known deputies."""
         setting = self._setting
         floor = np.zeros((6, 6))
         floor[:3, :3] = setting.navigation_sigma**2 * np.eye(3)
-        motion = predict_chief_motion(chief, setting.orbits)
+        motion = predict_chief_motion(steps[-1], setting.orbits)
         covariances = []
         for name in self._known_names():
             track = self._tracks[name]
             thrust = setting.thrust_sigma**2 * track.thrust_effect @ track.thrust_effect.T
             covariance = track.covariance + thrust + track.unreported_effect + floor
             covariances.append(motion.position_covariances(covariance))
-        return _Prepared(motion, covariances)
+        return _Prepared(motion, covariances, steps)
 
     def _pairs(self, motion: FreeMotion, bounds: ClearBounds) -> list[PairPrediction]:
         count = len(motion.names)
@@ -735,7 +749,9 @@ class FormationSafety:
             setting.velocity_limit,
             setting.reaction_time,
             setting.escape_horizon,
+            track.way_out,
         )
+        track.way_out = None if escape is None else escape.number
         return f"the last way out closes; {watched}" if escape is None else ""
 
     def _take_over(self, name: str, track: _Track) -> SpacecraftDecision:
@@ -743,8 +759,9 @@ class FormationSafety:
         setting = self._setting
         isolated = track.isolated.copy()
         known = self._known_names()
-        chief, states = self._states_after(known, {}, with_command=False)
-        start = self._predict_about(chief)
+        steps = self._chief_steps({}, with_command=False)
+        states = self._states_after(known, {}, steps, with_command=False)
+        start = self._predict_about(steps)
         motion = start.motion.formation(
             (self._names[0], *known), states, start.position_covariances
         )

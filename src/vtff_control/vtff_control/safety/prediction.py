@@ -16,7 +16,8 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
@@ -34,6 +35,7 @@ from vtff_dynamics.vectors import FloatArray, cross, skew
 __all__ = [
     "ChiefMotion",
     "FreeMotion",
+    "PairApproach",
     "PairPrediction",
     "hermite_position",
     "predict_chief_motion",
@@ -71,11 +73,10 @@ class PairPrediction:
         Smallest expected distance in the R-N plane of the chief.
     sigmas, sigmas_time
         Smallest number of sigma between the pair and the hard radius, and when.
-    probability
-        That the pair comes inside the hard radius: the larger of the largest instantaneous one and
-        that of a short encounter.
     violation_time
         When the pair is first not clear; infinite if it always is.
+    approach
+        The motion that this is told of.
     """
 
     first: str
@@ -85,8 +86,62 @@ class PairPrediction:
     radial_normal: float
     sigmas: float
     sigmas_time: float
-    probability: float
     violation_time: float
+    approach: PairApproach = field(repr=False, compare=False)
+
+    @functools.cached_property
+    def probability(self) -> float:
+        """Return the probability that the pair comes inside the hard radius.
+
+        It is the larger of the largest instantaneous one and that of a short encounter. Decisions
+        rest on sigmas: commands do not wait until this is computed.
+        """
+        if not self.sigmas < _CERTAIN:
+            return sigma_bound_probability(self.sigmas)
+        approach = self.approach
+        times, radius = approach.times, approach.hard_radius
+        index = int(np.searchsorted(times, self.sigmas_time))
+        position = _position_at(times, approach.relative, self.sigmas_time)
+        nearest = int(np.searchsorted(times, self.separation_time))
+        return max(
+            instantaneous_probability(position, approach.covariance[index], radius),
+            _probability_of_encounter(
+                approach.separation_state, approach.covariance[nearest], radius
+            ),
+        )
+
+
+class PairApproach(NamedTuple):
+    """Motion of one spacecraft relative to another one with all thrust off.
+
+    Attributes
+    ----------
+    times
+        s from now, shape (n,).
+    relative
+        Difference in GCRF axes, m and m/s, shape (n, 6).
+    covariance
+        Covariances of its positions, m2, shape (n, 3, 3).
+    separation_state
+        Difference when the pair is nearest, shape (6,).
+    hard_radius
+        m.
+    """
+
+    times: FloatArray
+    relative: FloatArray
+    covariance: FloatArray
+    separation_state: FloatArray
+    hard_radius: float
+
+
+def _probability_of_encounter(state: FloatArray, covariance: FloatArray, radius: float) -> float:
+    """Return the probability of a short encounter; zero if the fly-by is too slow to be one."""
+    speed = float(np.linalg.norm(state[3:]))
+    extent = radius + math.sqrt(max(float(np.linalg.eigvalsh(covariance)[-1]), 0.0))
+    if not extent < speed * _SHORT_ENCOUNTER * 5600.0:
+        return 0.0
+    return encounter_probability(state[:3], state[3:], covariance, radius)
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,15 +212,6 @@ class FreeMotion:
             clear_sigmas,
         )
         separation, separation_time, radial_normal, sigmas, sigmas_time, violation = result
-        probability = sigma_bound_probability(sigmas)
-        if sigmas < _CERTAIN:
-            index = int(np.searchsorted(self.times, sigmas_time))
-            position = _position_at(self.times, relative, sigmas_time)
-            probability = instantaneous_probability(position, covariance[index], hard_radius)
-            nearest = int(np.searchsorted(self.times, separation_time))
-            probability = max(
-                probability, self._encounter(separation_state, covariance[nearest], hard_radius)
-            )
         return PairPrediction(
             self.names[first],
             self.names[second],
@@ -174,17 +220,9 @@ class FreeMotion:
             float(radial_normal),
             float(sigmas),
             float(sigmas_time),
-            probability,
             float(violation),
+            PairApproach(self.times, relative, covariance, separation_state, hard_radius),
         )
-
-    def _encounter(self, state: FloatArray, covariance: FloatArray, radius: float) -> float:
-        """Return the probability of a short encounter; zero if the fly-by is too slow to be one."""
-        speed = float(np.linalg.norm(state[3:]))
-        extent = radius + math.sqrt(max(float(np.linalg.eigvalsh(covariance)[-1]), 0.0))
-        if not extent < speed * _SHORT_ENCOUNTER * 5600.0:
-            return 0.0
-        return encounter_probability(state[:3], state[3:], covariance, radius)
 
 
 @dataclass(frozen=True, eq=False)
