@@ -568,6 +568,13 @@ class RelativeEkfNode(VtffNode):
         self._restart_after_jump_back(stamp)
         self._join.add(source, stamp, measurement, time.monotonic())
         self._process_complete()
+        if self._processed_nanoseconds < stamp:
+            self._prepare(stamp)
+
+    def _prepare(self, stamp: int) -> None:
+        """Let the estimator do what an epoch does not need the other receiver for."""
+        if hasattr(self._estimator, "prepare"):
+            self._tell(self._estimator.prepare, GpsTime.from_unix_nanoseconds(stamp))
 
     def _restart_after_jump_back(self, stamp: int) -> None:
         """Start navigation anew when time has jumped back, as in a log that begins again."""
@@ -634,15 +641,15 @@ class RelativeEkfNode(VtffNode):
         given: RelativeEkfParameters = self.parameters
         self._solution = solution
         self._epochs[SOLUTION_NAMES[solution.solution]] += 1
+        # First, because the controller waits for it.
+        self._state_publisher.publish(
+            relative_state_to_message(solution, given.chief, given.deputy)
+        )
         self._ambiguity_publisher.publish(
             ambiguities_to_message(solution, given.chief, given.deputy)
         )
         self._tec_publisher.publish(
             differential_tec_to_message(solution, given.chief, given.deputy)
-        )
-        # Last, because it closes the loop.
-        self._state_publisher.publish(
-            relative_state_to_message(solution, given.chief, given.deputy)
         )
 
     # ---- health ------------------------------------------------------------------------------

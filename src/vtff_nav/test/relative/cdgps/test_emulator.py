@@ -279,6 +279,28 @@ def test_nothing_to_begin_with(scenario):
     assert bare.process(START + 8.0, None, None).solution == SOLUTION_NONE
 
 
+def test_what_is_prepared_changes_no_result(scenario):
+    """Also for an epoch that does not come, twice, and where thrust is told of afterwards."""
+    random = np.random.default_rng(5)
+    at_once, prepared = (CdgpsEstimator(configuration(), scenario.ephemerides) for _ in range(2))
+    for second in range(60):
+        time, last = START + float(second), START + float(second - 1)
+        if second % 7 == 3:
+            prepared.prepare(time)  # and then no epoch
+            continue
+        for ahead in random.integers(0, 3, size=random.integers(0, 4)).tolist():
+            prepared.prepare(time + float(ahead))
+        thrust = 1e-3 * random.standard_normal(3) * (second % 5 > 2)
+        for estimator in (at_once, prepared):
+            estimator.add_thrust(last, 1.0, thrust)
+        prepared.prepare(time)
+        measured = (scenario.chief[time], scenario.deputy[time])
+        expected = at_once.process(time, *measured)
+        solution = prepared.process(time, *measured)
+        for name in ("position_rtn", "covariance_rtn", "position_chief_gcrf"):
+            np.testing.assert_array_equal(getattr(solution, name), getattr(expected, name))
+
+
 def test_thrust_is_checked():
     estimator = CdgpsEstimator(configuration())
     with pytest.raises(ValueError, match="three finite"):

@@ -41,7 +41,9 @@ from vtff_nav.relative.common.dynamics import (
     DYNAMIC_STATES,
     MotionNoise,
     OrbitalMotion,
+    Prediction,
     TerrestrialMotion,
+    ThrustInterval,
 )
 from vtff_nav.relative.common.estimator_inputs import EstimatorInputs
 from vtff_nav.relative.common.measurements import (
@@ -107,6 +109,7 @@ class CdgpsEstimator(EstimatorInputs):
         self._mask_of_table: tuple[SatelliteTable, npt.NDArray[np.bool_]] | None = None
         self._table_in_view: tuple[SatelliteTable, npt.NDArray[np.bool_], SatelliteTable] | None
         self._table_in_view = None
+        self._predicted: tuple[tuple[object, ...], list[ThrustInterval], Prediction] | None = None
         self._relative: RelativeFilter | None = None
         self.reset()
 
@@ -272,27 +275,59 @@ class CdgpsEstimator(EstimatorInputs):
         self._relative = RelativeFilter(self.configuration, mean, covariance, clock)
         return []
 
-    def _predict(self, time: GpsTime, interval: float) -> None:
-        """Propagate both filters by an interval (s) that begins at `time`."""
-        absolute = self._absolute
-        relative = np.zeros(DYNAMIC_STATES)
+    def prepare(self, time: GpsTime) -> None:
+        """Predict the motion up to an epoch whose measurements have not all come yet.
+
+        `process` then need not do it. What is told of thrust in between counts all the same.
+        """
+        if self._absolute.state is not None and self._time is not None and time > self._time:
+            self._predict_motion(self._time, time - self._time)
+
+    def _predict_motion(self, time: GpsTime, interval: float) -> Prediction:
+        """Return where the motion leads; the same object as long as nothing has changed."""
+        absolute, relative = self._absolute, np.zeros(DYNAMIC_STATES)
         thrust_sigma, relative_factor = self.configuration.thrust_relative_sigma, 1.0
         if self._relative is not None:
             relative = self._relative.state.mean[:DYNAMIC_STATES]
             thrust_sigma = self._relative.thrust_sigma
             relative_factor = self._relative.acceleration.factor
-        end = time + interval
-        thrust = []
-        if self._thrust:
-            begin, finish = time.nanoseconds, end.nanoseconds
-            acting = [t for t in self._thrust if t.end.nanoseconds > begin]
-            thrust = [t for t in acting if t.start.nanoseconds < finish]
-            self._thrust = [t for t in acting if t.end.nanoseconds > finish]
-        before = absolute.mean[:3].copy()
         factors = (absolute.acceleration.factor, relative_factor)
-        predicted = self._motion.predict(
-            time, interval, absolute.mean, relative, thrust, thrust_sigma, factors
+        thrust = self._thrust_within(time, time + interval)
+        key = (
+            self._motion,
+            time,
+            interval,
+            absolute.mean.tobytes(),
+            relative.tobytes(),
+            [id(each) for each in thrust],  # which the prediction keeps, so that none returns
+            thrust_sigma,
+            factors,
         )
+        if self._predicted is None or self._predicted[0] != key:
+            predicted = self._motion.predict(
+                time, interval, absolute.mean, relative, thrust, thrust_sigma, factors
+            )
+            self._predicted = (key, thrust, predicted)
+        return self._predicted[2]
+
+    def _thrust_within(self, begin: GpsTime, end: GpsTime) -> list[ThrustInterval]:
+        """Return the thrust that acts between two times."""
+        first, last = begin.nanoseconds, end.nanoseconds
+        return [
+            each
+            for each in self._thrust
+            if each.end.nanoseconds > first and each.start.nanoseconds < last
+        ]
+
+    def _predict(self, time: GpsTime, interval: float) -> None:
+        """Propagate both filters by an interval (s) that begins at `time`."""
+        absolute, end = self._absolute, time + interval
+        predicted = self._predict_motion(time, interval)
+        thrust = self._thrust_within(time, end)
+        if self._thrust:
+            finish = end.nanoseconds
+            self._thrust = [each for each in self._thrust if each.end.nanoseconds > finish]
+        before = absolute.mean[:3].copy()
         absolute.predict(
             predicted.chief, predicted.transition_chief, predicted.noise_chief, interval
         )
