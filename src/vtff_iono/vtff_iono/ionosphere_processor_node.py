@@ -177,6 +177,8 @@ class IonosphereProcessorNode(VtffNode):
     """
 
     Parameters = IonosphereProcessorParameters
+    #: No command waits for it.
+    niceness = 0
 
     def __init__(self, **node_arguments: object) -> None:
         super().__init__("ionosphere_processor", **node_arguments)

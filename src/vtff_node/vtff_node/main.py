@@ -27,7 +27,12 @@ from vtff_node.plugins.loading import PluginError, help_lines
 from vtff_node.process.callback_watch import CallbackWatch
 from vtff_node.process.leaving import leave_process, leave_process_after
 from vtff_node.process.lifeline import watch_lifeline
-from vtff_node.process.priority import is_niceness_chosen, set_niceness, yield_to_others
+from vtff_node.process.priority import (
+    is_niceness_chosen,
+    run_at_once,
+    set_niceness,
+    yield_to_others,
+)
 from vtff_node.process.stop_signals import StopRequest
 
 #: Longest wait of the executor, s. It is finite, because the EventsExecutor of the wheels never
@@ -116,6 +121,8 @@ def spin(nodes: Sequence[VtffNode], stop: StopRequest) -> int:
         niceness = min(node.niceness for node in nodes)
         if not set_niceness(niceness):
             nodes[0].get_logger().info(f"the system does not permit a niceness of {niceness}")
+        elif niceness < 0 and not run_at_once():
+            nodes[0].get_logger().info("the system does not permit a real-time priority")
     timer = nodes[0].create_timer(SPIN_TIMEOUT, look, clock=nodes[0].steady_clock)
     if all(node.yields_to_others for node in nodes):
         # Else each message interrupts the node that publishes it.

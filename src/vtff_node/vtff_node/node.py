@@ -136,7 +136,8 @@ class VtffNode(Node):
     #: Brings the messages of the nodes of this process to each other; None: the middleware does.
     local_delivery: ClassVar[LocalDelivery | None] = None
     #: Niceness in real time where the system permits it: other work of the machine waits then, so
-    #: that it does not come between a measurement and its command.
+    #: that it does not come between a measurement and its command. Below 0 such a process also asks
+    #: for a real-time priority.
     niceness: ClassVar[int] = -10
 
     def __init__(self, name: str, **node_arguments: Any) -> None:

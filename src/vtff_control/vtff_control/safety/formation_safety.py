@@ -374,7 +374,7 @@ class FormationSafety:
         self._watch_states(inputs)
         self._prepared = None
         if self._chief is not None and not self._chief_thrusts:
-            # Of a chief that never thrusts, where no command leads it.
+            # A chief that never thrusts goes where no command leads it.
             self._prepared = self._predict_about(self._chief_steps({}, with_command=True))
 
     def decide(self, inputs: Mapping[str, SpacecraftInput]) -> SafetyStep:

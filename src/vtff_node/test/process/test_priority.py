@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import os
 import pathlib
+import shutil
 import subprocess
 import sys
 
@@ -26,23 +27,46 @@ print(before, is_niceness_chosen())
 """
 
 
-YIELDING_PROGRAM = """
+POLICY_PROGRAM = """
 import os, pathlib, threading
-from vtff_node.process.priority import yield_to_others
+from vtff_node.process.priority import {function}
 threading.Thread(target=threading.Event().wait, daemon=True).start()
-yield_to_others()
+{function}()
 threading.Thread(target=threading.Event().wait, daemon=True).start()
 threads = [int(task.name) for task in pathlib.Path("/proc/self/task").iterdir()]
-print(len(threads), {os.sched_getscheduler(thread) for thread in threads} == {os.SCHED_BATCH})
+print(len(threads), *set(map(os.sched_getscheduler, threads)))
 """
+
+
+def policies_with(function: str, *before: str) -> list[int]:
+    """Return the number of threads and their policies in a process that calls a function."""
+    program = [*before, sys.executable, "-c", POLICY_PROGRAM.format(function=function)]
+    done = subprocess.run(program, capture_output=True, text=True, check=True)
+    return [int(word) for word in done.stdout.split()]
+
+
+def is_real_time_permitted() -> bool:
+    """Return whether a process of this user may have a real-time policy."""
+    command = ["chrt", "--rr", "1", "true"]
+    return (
+        bool(shutil.which("chrt")) and subprocess.run(command, capture_output=True).returncode == 0
+    )
 
 
 @pytest.mark.skipif(not hasattr(os, "SCHED_BATCH"), reason="a policy of Linux")
 def test_no_thread_interrupts_others():
-    done = subprocess.run(
-        [sys.executable, "-c", YIELDING_PROGRAM], capture_output=True, text=True, check=True
-    )
-    assert done.stdout.split() == ["3", "True"]
+    assert policies_with("yield_to_others") == [3, os.SCHED_BATCH]
+
+
+@pytest.mark.skipif(not is_real_time_permitted(), reason="a real-time policy is not permitted")
+def test_all_threads_run_at_once():
+    assert policies_with("run_at_once") == [3, os.SCHED_RR]
+
+
+@pytest.mark.skipif(not is_real_time_permitted(), reason="a real-time policy is not permitted")
+@pytest.mark.parametrize("function", ["run_at_once", "yield_to_others"])
+def test_a_policy_of_the_user_stays(function):
+    assert policies_with(function, "chrt", "--fifo", "3") == [3, os.SCHED_FIFO]
 
 
 def test_all_threads_and_the_session_get_it():
@@ -69,5 +93,6 @@ def test_a_system_that_does_not_permit_it(monkeypatch, error):
     session = pathlib.Path("/proc/self/autogroup")
     before = session.read_text() if session.exists() else ""
     assert not priority.set_niceness(-10)
+    assert not priority.run_at_once()
     priority.yield_to_others()
     assert (session.read_text() if session.exists() else "") == before

@@ -6,7 +6,7 @@ import contextlib
 import os
 import pathlib
 
-__all__ = ["is_niceness_chosen", "set_niceness", "yield_to_others"]
+__all__ = ["is_niceness_chosen", "run_at_once", "set_niceness", "yield_to_others"]
 
 _TASKS = pathlib.Path("/proc/self/task")
 # Linux shares the processor among sessions first (sched_autogroup): the niceness of a process
@@ -41,6 +41,29 @@ def set_niceness(niceness: int) -> bool:
     if os.getsid(0) == os.getpid():
         with contextlib.suppress(OSError):  # a kernel without sched_autogroup has no such file
             _SESSION.write_text(f"{niceness}", encoding="ascii")
+    return True
+
+
+def run_at_once() -> bool:
+    """Let all threads of this process run as soon as they wake; return whether that is permitted.
+
+    By default a thread may wait for milliseconds behind another one while a core is idle. With the
+    policy SCHED_RR it runs on any core that does nothing more urgent. Threads that begin later
+    inherit the policy. It needs the limit `RLIMIT_RTPRIO` or the capability `CAP_SYS_NICE`; the
+    system keeps a share of the processor for other work (`sched_rt_runtime_us`). A policy that the
+    user has chosen (chrt) stays.
+    """
+    if not hasattr(os, "sched_setscheduler"):  # not Linux
+        return False
+    for thread in _find_threads():
+        try:
+            if os.sched_getscheduler(thread) == os.SCHED_OTHER:
+                priority = os.sched_get_priority_min(os.SCHED_RR)
+                os.sched_setscheduler(thread, os.SCHED_RR, os.sched_param(priority))
+        except ProcessLookupError:
+            continue  # it has ended meanwhile
+        except OSError:  # no right to it, or a sandbox without the call
+            return False
     return True
 
 
