@@ -14,6 +14,7 @@ from vtff_analysis.recordings.observation_recording import (
     observation_table,
 )
 from vtff_bag.file.cdr_columns import ColumnCollector, MessageColumns
+from vtff_bag.file.message_batches import message_batches
 from vtff_bag.file.reader import BagReader, DecodedMessage, RawMessage
 from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
 from vtff_dynamics.time.timescales import GpsTime
@@ -95,12 +96,16 @@ class _FormationBag:
             self._columns[topic] = ColumnCollector(f"vtff_msgs/msg/{name}", source)
         ephemerides = [f"/{craft}/gnss/ephemeris" for craft in crafts]
         self._ephemerides: dict[str, list[RawMessage]] = {topic: [] for topic in ephemerides}
-        for raw in reader.raw_messages([*self._columns, *self._ephemerides]):
-            collector = self._columns.get(raw.topic)
-            if collector is None:
-                self._ephemerides[raw.topic].append(raw)
-            else:
-                collector.add(raw.serialized)
+        topics = [*self._columns, *self._ephemerides]
+        for batch in message_batches(reader, topics):
+            for number, topic in enumerate(topics):
+                of_topic = batch.rows(np.flatnonzero(batch.topic == number))
+                collector = self._columns.get(topic)
+                if collector is None:
+                    type_name = reader.topics[topic].type
+                    self._ephemerides[topic] += of_topic.raw_messages(topic, type_name)
+                else:
+                    collector.add_batch(of_topic)
 
     def ephemerides(self, topic: str) -> Iterator[DecodedMessage]:
         """Return the messages of a topic."""

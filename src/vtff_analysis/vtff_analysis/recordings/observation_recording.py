@@ -6,6 +6,7 @@ import numpy as np
 
 from vtff_bag.file.cdr_columns import ColumnCollector, MessageColumns
 from vtff_bag.file.errors import BagReadError
+from vtff_bag.file.message_batches import message_batches
 from vtff_bag.file.reader import BagReader
 from vtff_dynamics.constants import NANOSECONDS_PER_SECOND, SECONDS_PER_WEEK
 from vtff_gnss.observation_table import ObservationTable
@@ -25,8 +26,8 @@ def recorded_observations(reader: BagReader, topic: str) -> ObservationTable:
         If the bag has no such topic, or a message is not what its type says.
     """
     collector = observation_columns(reader, topic)
-    for raw in reader.raw_messages([topic]):
-        collector.add(raw.serialized)
+    for batch in message_batches(reader, [topic]):
+        collector.add_batch(batch)
     table = observation_table(collector.columns())
     time = table.time_nanoseconds
     is_newer = np.ones(len(table), dtype=np.bool_)

@@ -1,7 +1,7 @@
 """Many messages of one type as columns, without a Python object for each message.
 
-Messages of observations come at 20 Hz and hold columns themselves. Messages whose sequences are
-equally long have the same byte layout, so that a column of all these messages is one slice.
+Messages of observations come at 20 Hz and hold columns themselves. Compiled loops find where the
+fields of each message begin, and copy them one message after the other.
 
 References
 ----------
@@ -20,13 +20,15 @@ import numpy as np
 import numpy.typing as npt
 
 from vtff_bag.file.errors import BagReadError
+from vtff_bag.file.message_batches import MessageBatch, copy_parts
 from vtff_bag.file.message_definitions import message_class
+from vtff_dynamics.compiled import compiled
 
 __all__ = ["ColumnCollector", "MessageColumns"]
 
 _HEADER_SIZE = 4
 _LITTLE_ENDIAN = 1  # second byte of the header
-_COUNT = np.dtype("<u4")
+_COUNT_SIZE = 4
 _BATCH = 4096
 _NUMBERS = {
     "boolean": "?",
@@ -97,6 +99,9 @@ class ColumnCollector:
         self._type_name = type_name
         self._source = source
         self._fields = tuple(_list_fields(message_class(type_name)))
+        self._is_counted = np.array([field.kind != "number" for field in self._fields], dtype=bool)
+        self._size = np.array([field.dtype.itemsize for field in self._fields], dtype=np.int64)
+        self._elements = np.array([field.elements for field in self._fields], dtype=np.int64)
         self._waiting: list[bytes] = []
         self._decoded: list[MessageColumns] = []
 
@@ -110,11 +115,16 @@ class ColumnCollector:
         """
         self._waiting.append(serialized)
         if len(self._waiting) == _BATCH:
-            self._decode()
+            self._decode_waiting()
+
+    def add_batch(self, batch: MessageBatch) -> None:
+        """Add the next messages, all of a batch; raises as `add`."""
+        self._decode_waiting()
+        self._decode(batch.stored, batch.begin, batch.end)
 
     def columns(self) -> MessageColumns:
         """Return all messages added so far; raises as `add`."""
-        self._decode()
+        self._decode_waiting()
         number_fields = [field for field in self._fields if field.kind == "number"]
         list_fields = [field for field in self._fields if field.kind == "list"]
 
@@ -133,76 +143,46 @@ class ColumnCollector:
         self._decoded = [result]
         return result
 
-    def _decode(self) -> None:
+    def _decode_waiting(self) -> None:
         if not self._waiting:
             return
-        waiting, self._waiting = self._waiting, []
-        count = len(waiting)
-        groups = list(self._group_by_layout(waiting))
+        end = np.cumsum([len(serialized) for serialized in self._waiting])
+        stored = np.frombuffer(b"".join(self._waiting), dtype=np.uint8)
+        self._waiting = []
+        self._decode(stored, np.concatenate(([0], end[:-1])), end)
+
+    def _decode(
+        self,
+        stored: npt.NDArray[np.uint8],
+        begin: npt.NDArray[np.int64],
+        end: npt.NDArray[np.int64],
+    ) -> None:
+        """Decode messages in some bytes, each between a begin and an end, shape (m,)."""
+        if not len(begin):
+            return
+        place, count, first_bad, is_short = _find_fields(
+            stored, begin, end, self._is_counted, self._size, self._elements
+        )
+        if first_bad >= 0:
+            raise BagReadError(self._describe_fault(int((end - begin)[first_bad]), is_short))
         numbers, sequences, lengths = {}, {}, {}
-        for field_number, field in enumerate(self._fields):
+        for index, field in enumerate(self._fields):
+            if field.kind == "text":
+                continue
+            elements = np.empty(int(count[index].sum()), field.dtype)
+            length = count[index] * field.dtype.itemsize
+            copy_parts(stored, place[index], length, elements.view(np.uint8))
             if field.kind == "number":
-                numbers[field.name] = column = np.empty((count, *field.shape), field.dtype)
-                for index, layout, stored in groups:
-                    values = _read_values(stored, layout[field_number], field.dtype)
-                    column[index] = values.reshape(len(index), *field.shape)
-            elif field.kind == "list":
-                length = np.empty(count, dtype=np.int64)
-                for index, layout, _ in groups:
-                    length[index] = layout[field_number].count
-                end = np.cumsum(length)
-                elements = np.empty(int(end[-1]), field.dtype)
-                for index, layout, stored in groups:
-                    element_count = layout[field_number].count
-                    rows = (end - length)[index][:, np.newaxis] + np.arange(element_count)
-                    elements[rows] = _read_values(stored, layout[field_number], field.dtype)
-                sequences[field.name], lengths[field.name] = elements, length
-        self._decoded.append(MessageColumns(self._source, count, numbers, sequences, lengths))
+                numbers[field.name] = elements.reshape(len(begin), *field.shape)
+            else:
+                sequences[field.name], lengths[field.name] = elements, count[index]
+        self._decoded.append(MessageColumns(self._source, len(begin), numbers, sequences, lengths))
 
-    def _group_by_layout(
-        self, serialized: list[bytes]
-    ) -> Iterator[tuple[npt.NDArray[np.intp], list[_FieldLayout], npt.NDArray[np.uint8]]]:
-        """Yield the messages of each layout: their indices, the layout, and their bytes as rows."""
-        sizes = np.array([len(message) for message in serialized])
-        for size in np.unique(sizes).tolist():
-            index = np.flatnonzero(sizes == size)
-            joined = b"".join([serialized[i] for i in index.tolist()])
-            stored = np.frombuffer(joined, dtype=np.uint8).reshape(-1, size)
-            while len(index):
-                layout, is_equal = self._find_first_layout(stored)
-                yield index[is_equal], layout, stored[is_equal]
-                index, stored = index[~is_equal], stored[~is_equal]
-
-    def _find_first_layout(
-        self, stored: npt.NDArray[np.uint8]
-    ) -> tuple[list[_FieldLayout], npt.NDArray[np.bool_]]:
-        """Return the layout of the first message, and which messages have the same layout."""
-        first = stored[0].tobytes()
-        if len(first) < _HEADER_SIZE or first[1] != _LITTLE_ENDIAN:
-            raise BagReadError(
-                f"{self._source}: a message is not a {self._type_name} in little-endian CDR"
-            )
-        is_equal = np.ones(len(stored), dtype=np.bool_)
-        layout = []
-        position = _HEADER_SIZE
-        for field in self._fields:
-            count = field.elements
-            if field.kind != "number":
-                position = _align(position, _COUNT.itemsize)
-                end = position + _COUNT.itemsize
-                count = int.from_bytes(first[position:end], "little")
-                is_equal &= (stored[:, position:end] == stored[0, position:end]).all(axis=1)
-                position = end
-            if count:
-                position = _align(position, field.dtype.itemsize)
-            layout.append(_FieldLayout(position, count))
-            position += count * field.dtype.itemsize
-            if position > len(first):
-                raise BagReadError(
-                    f"{self._source}: a message is not a {self._type_name}: its {len(first)} bytes "
-                    "are too few"
-                )
-        return layout, is_equal
+    def _describe_fault(self, size: int, is_short: bool) -> str:
+        """Return what is wrong with a message of a size, bytes."""
+        if not is_short:
+            return f"{self._source}: a message is not a {self._type_name} in little-endian CDR"
+        return f"{self._source}: a message is not a {self._type_name}: its {size} bytes are too few"
 
 
 @dataclass(frozen=True)
@@ -215,14 +195,6 @@ class _Field:
     @property
     def elements(self) -> int:
         return int(np.prod(self.shape, dtype=int))
-
-
-@dataclass(frozen=True)
-class _FieldLayout:
-    """Position of the first element of a field in a message, bytes, and the number of elements."""
-
-    position: int
-    count: int
 
 
 def _list_fields(message_type: Any, prefix: str = "") -> Iterator[_Field]:
@@ -246,15 +218,53 @@ def _list_fields(message_type: Any, prefix: str = "") -> Iterator[_Field]:
             raise TypeError(f"field '{path}' is {declared}: it cannot become a column")
 
 
-def _align(position: int, size: int) -> int:
-    """Return the next position at which a number of this size may begin, bytes."""
-    return position + (_HEADER_SIZE - position) % size
+@compiled
+def _find_fields(stored, begin, end, is_counted, size, elements):  # type: ignore[no-untyped-def]
+    """Return where the fields of messages are.
 
+    Parameters
+    ----------
+    stored : ndarray of uint8
+    begin, end : ndarray of int, shape (m,)
+        First byte of each message, and the byte after its last one.
+    is_counted : ndarray of bool, shape (f,)
+        Which fields begin with the number of their elements.
+    size, elements : ndarray of int, shape (f,)
+        Bytes of an element of each field, and number of elements where it is fixed.
 
-def _read_values(
-    stored: npt.NDArray[np.uint8], layout: _FieldLayout, dtype: np.dtype[Any]
-) -> npt.NDArray[Any]:
-    """Return the elements of a field, one row for each message."""
-    end = layout.position + layout.count * dtype.itemsize
-    field_bytes = np.ascontiguousarray(stored[:, layout.position : end])
-    return field_bytes.view(dtype).reshape(len(stored), layout.count)
+    Returns
+    -------
+    place, count : ndarray of int, shape (f, m)
+        Position of the first element in `stored`, and number of elements.
+    first_bad : int
+        A message that is not of these fields; -1 if all are.
+    is_short : bool
+        Whether that one is too short; otherwise it has another header.
+    """
+    fields, messages = len(size), len(begin)
+    place = np.empty((fields, messages), dtype=np.int64)
+    count = np.empty((fields, messages), dtype=np.int64)
+    for message in range(messages):
+        first, length = begin[message], end[message] - begin[message]
+        if length < _HEADER_SIZE or stored[first + 1] != _LITTLE_ENDIAN:
+            return place, count, message, False
+        position = _HEADER_SIZE
+        for field in range(fields):
+            number = elements[field]
+            if is_counted[field]:
+                # Numbers are aligned to their size, from the end of the header.
+                position += (_HEADER_SIZE - position) % _COUNT_SIZE
+                if position + _COUNT_SIZE > length:
+                    return place, count, message, True
+                number = np.int64(0)
+                for digit in range(_COUNT_SIZE):
+                    number |= np.int64(stored[first + position + digit]) << (8 * digit)
+                position += _COUNT_SIZE
+            if number > 0:
+                position += (_HEADER_SIZE - position) % size[field]
+            place[field, message] = first + position
+            count[field, message] = number
+            position += number * size[field]
+            if position > length:
+                return place, count, message, True
+    return place, count, -1, False

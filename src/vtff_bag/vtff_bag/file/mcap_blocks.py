@@ -7,6 +7,7 @@ after a damaged part at the next intact chunk. Record layout: MCAP specification
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import io
 import mmap
@@ -31,6 +32,7 @@ from vtff_bag.file.errors import BagReadError
 MAGIC = b"\x89MCAP0\r\n"
 RECORD = struct.Struct("<BQ")  # opcode, length of what follows
 _MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time
+MESSAGE_HEAD_SIZE = _MESSAGE.size
 MESSAGE_OPCODE = int(Opcode.MESSAGE)  # a comparison with a member of an enumeration is slow
 _CHUNK = struct.Struct("<QQQII")  # start, end, uncompressed size, checksum, length of compression
 FOOTER_LENGTH = 20  # bytes that follow
@@ -165,18 +167,39 @@ def read_block(
     BagReadError
         If the block is damaged; raised before the first message is returned.
     """
-    file.seek(block.offset)
-    stored = file.read(block.length)
+    with damage_named(content, block):
+        messages = _messages_of(_read_records(block, file), channel_ids)
+    return iter(messages)
+
+
+def read_records(content: FileContent, block: Block, file: BinaryIO) -> bytes:
+    """Return the records of a block, decompressed and checked; arguments as in `read_block`.
+
+    Raises
+    ------
+    BagReadError
+        If the block is damaged.
+    """
+    with damage_named(content, block):
+        return _read_records(block, file)
+
+
+@contextlib.contextmanager
+def damage_named(content: FileContent, block: Block) -> Iterator[None]:
+    """Raise what damage of a block raises as a BagReadError that names the place."""
     try:
-        if block.chunked:
-            stored = _read_chunk(stored)
-        messages = _messages_of(stored, channel_ids)
+        yield
     except _DAMAGE as error:
         raise BagReadError(
             f"{content.path}: damaged between bytes {block.offset} and "
             f"{block.offset + block.length}: {error}"
         ) from error
-    return iter(messages)
+
+
+def _read_records(block: Block, file: BinaryIO) -> bytes:
+    file.seek(block.offset)
+    stored = file.read(block.length)
+    return _read_chunk(stored) if block.chunked else stored
 
 
 def _messages_of(stored: bytes, channel_ids: Collection[int] | None) -> list[StoredMessage]:

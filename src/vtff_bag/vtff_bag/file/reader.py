@@ -153,7 +153,7 @@ class BagReader:
             If a topic is not in the bag.
         """
         for name in topics or ():
-            self._check_topic(name)
+            self.check_topic(name)
         return self._merge_blocks(set(self.topics if topics is None else topics), start, end)
 
     def messages(self, topic: str) -> Iterator[DecodedMessage]:
@@ -184,10 +184,16 @@ class BagReader:
             ) from error
         return DecodedMessage(raw.log_time, message)
 
-    def _check_topic(self, name: str) -> None:
+    def check_topic(self, name: str) -> None:
+        """Raise BagReadError if a topic is not in the bag."""
         if name not in self.topics:
             present = ", ".join(self.topics) or "none"
             raise BagReadError(f"{self.path}: no topic '{name}' in the bag; topics: {present}")
+
+    def note(self, defect: str) -> None:
+        """Add a line to `notes`, unless it is there already."""
+        if defect not in self.notes:
+            self.notes.append(defect)
 
     def _find_files(self) -> list[pathlib.Path]:
         if not self.path.exists():
@@ -294,17 +300,23 @@ class BagReader:
                 topic.message_count += content.message_counts.get(channel_id, 0)
         return topics
 
+    def blocks_by_time(self) -> list[tuple[int, int, int, Block]]:
+        """Return start time, number of the file, offset, and block, of all blocks in that order."""
+        return sorted(
+            (block.start_time, number, block.offset, block)
+            for number, content in enumerate(self.contents)
+            for block in content.blocks
+        )
+
     def _merge_blocks(
         self, wanted: set[str], start: int | None, end: int | None
     ) -> Iterator[RawMessage]:
         """Merge the blocks of all files; only blocks that overlap in time are in memory."""
-        blocks = sorted(
-            (block.start_time, number, block.offset, block)
-            for number, content in enumerate(self.contents)
-            for block in content.blocks
-            if (start is None or block.end_time >= start)
-            and (end is None or block.start_time < end)
-        )
+        blocks = [
+            (start_time, number, offset, block)
+            for start_time, number, offset, block in self.blocks_by_time()
+            if (start is None or block.end_time >= start) and (end is None or start_time < end)
+        ]
         pending: list[Any] = []  # (log time, file, offset of the block, index in it, message)
         with contextlib.ExitStack() as stack:
             opened = [stack.enter_context(open(file, "rb")) for file in self.files]
@@ -338,8 +350,7 @@ class BagReader:
         try:
             messages = mcap_blocks.read_block(content, block, file, names)
         except BagReadError as error:
-            if str(error) not in self.notes:
-                self.notes.append(str(error))
+            self.note(str(error))
             return []
         # One loop without generators: a bag has thousands of messages for each second of reading.
         offset = block.offset
