@@ -17,15 +17,14 @@ import re
 import struct
 import zlib
 from collections.abc import Collection, Iterator
-from typing import BinaryIO, NamedTuple
+from typing import Any, BinaryIO, NamedTuple
 
 import lz4.frame
 import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.reader import SeekingReader
-from mcap.records import Channel, Chunk, Metadata, Schema
+from mcap.records import Channel, Chunk, Metadata, MetadataIndex, Schema, Statistics
 
 from vtff_bag.file.errors import BagReadError
 
@@ -35,6 +34,14 @@ _MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time
 MESSAGE_HEAD_SIZE = _MESSAGE.size
 MESSAGE_OPCODE = int(Opcode.MESSAGE)  # a comparison with a member of an enumeration is slow
 _CHUNK = struct.Struct("<QQQII")  # start, end, uncompressed size, checksum, length of compression
+CHUNK_INDEX_OPCODE = int(Opcode.CHUNK_INDEX)
+_CHUNK_INDEX = struct.Struct("<QQQQ")  # first and last log time, offset, length of the chunk
+_SUMMARY_RECORDS: dict[int, Any] = {
+    int(Opcode.STATISTICS): Statistics,
+    int(Opcode.SCHEMA): Schema,
+    int(Opcode.CHANNEL): Channel,
+    int(Opcode.METADATA_INDEX): MetadataIndex,
+}
 FOOTER_LENGTH = 20  # bytes that follow
 _LARGEST_CHUNK = 1 << 30  # B uncompressed; a record that states more has a damaged length
 BAG_METADATA_RECORD = "rosbag2"  # name of the record that repeats metadata.yaml inside the file
@@ -111,6 +118,17 @@ class FileContent:
     def message_count(self) -> int:
         """Number of messages of all channels."""
         return sum(self.message_counts.values())
+
+
+@dataclasses.dataclass
+class _Summary:
+    """What the summary of a file tells."""
+
+    statistics: Statistics | None = None
+    schemas: dict[int, Schema] = dataclasses.field(default_factory=dict)
+    channels: dict[int, Channel] = dataclasses.field(default_factory=dict)
+    chunks: list[Block] = dataclasses.field(default_factory=list)
+    metadata: list[MetadataIndex] = dataclasses.field(default_factory=list)
 
 
 def read_content(path: pathlib.Path) -> FileContent:
@@ -265,16 +283,14 @@ def _read_chunk(stored: bytes) -> bytes:
 def _read_content_from_summary(path: pathlib.Path, file: BinaryIO) -> FileContent | None:
     """Return the content from an intact summary section; None where a scan is needed."""
     try:
-        if not _summary_is_intact(file):
-            return None
-        file.seek(0)
-        summary = SeekingReader(file).get_summary()
+        stored = _read_summary(file)
+        summary = None if stored is None else _parse_summary(stored)
     except _DAMAGE:
         return None
     if summary is None or summary.statistics is None:
         return None
     statistics = summary.statistics
-    if statistics.message_count and not summary.chunk_indexes:
+    if statistics.message_count and not summary.chunks:
         return None
     content = FileContent(
         path=path,
@@ -291,24 +307,14 @@ def _read_content_from_summary(path: pathlib.Path, file: BinaryIO) -> FileConten
         # An index with a good checksum may still name places that no file has.
         return length >= RECORD.size and offset + length <= size
 
-    for index in summary.chunk_indexes:
-        if not is_inside(index.chunk_start_offset, index.chunk_length):
+    for block in summary.chunks:
+        if not is_inside(block.offset, block.length):
             return None
-        file.seek(index.chunk_start_offset)
-        header = file.read(RECORD.size)
-        expected = RECORD.pack(Opcode.CHUNK, index.chunk_length - RECORD.size)
-        if header != expected:
+        file.seek(block.offset)
+        if file.read(RECORD.size) != RECORD.pack(Opcode.CHUNK, block.length - RECORD.size):
             return None
-        content.blocks.append(
-            Block(
-                index.message_start_time,
-                index.message_end_time,
-                index.chunk_start_offset,
-                index.chunk_length,
-                True,
-            )
-        )
-    for entry in summary.metadata_indexes:
+        content.blocks.append(block)
+    for entry in summary.metadata:
         if not is_inside(entry.offset, entry.length):
             continue  # the messages can be read without it
         file.seek(entry.offset)
@@ -325,24 +331,50 @@ def _read_bag_metadata(content: FileContent, stored: bytes) -> None:
         content.bag_metadata = record.metadata.get("serialized_metadata", "")
 
 
-def _summary_is_intact(file: BinaryIO) -> bool:
-    """Return whether the file ends with a footer whose checksum covers the summary before it."""
+def _read_summary(file: BinaryIO) -> bytes | None:
+    """Return the records of the summary; None without a footer whose checksum covers them."""
     size = file.seek(0, os.SEEK_END)
     footer_start = size - len(MAGIC) - FOOTER_LENGTH - RECORD.size
     if footer_start < len(MAGIC):
-        return False
+        return None
     file.seek(footer_start)
     ending = file.read()
     opcode, length = RECORD.unpack_from(ending)
     checksum: int
     summary_start, _, checksum = struct.unpack_from("<QQI", ending, RECORD.size)
     if (opcode, length) != (Opcode.FOOTER, FOOTER_LENGTH) or not ending.endswith(MAGIC):
-        return False
+        return None
     if not len(MAGIC) < summary_start <= footer_start:
-        return False
+        return None
     file.seek(summary_start)
     covered = file.read(size - summary_start - len(MAGIC) - 4)
-    return checksum == 0 or zlib.crc32(covered) == checksum
+    if checksum != 0 and zlib.crc32(covered) != checksum:
+        return None
+    return covered[: footer_start - summary_start]
+
+
+def _parse_summary(stored: bytes) -> _Summary:
+    """Return what the records of a summary tell; raises one of `_DAMAGE` where they are wrong."""
+    summary = _Summary()
+    for opcode, start, end in _split_records(stored):
+        if opcode == CHUNK_INDEX_OPCODE:
+            # An index is of four numbers, and of more that is not needed: there are thousands.
+            begin, last, offset, length = _CHUNK_INDEX.unpack_from(stored, start)
+            if end - start < _CHUNK_INDEX.size:
+                raise ValueError("a record is cut off")
+            summary.chunks.append(Block(begin, last, offset, length, True))
+        elif opcode in _SUMMARY_RECORDS:
+            stream = ReadDataStream(io.BytesIO(stored[start:end]))
+            record = _SUMMARY_RECORDS[opcode].read(stream)
+            if isinstance(record, Statistics):
+                summary.statistics = record
+            elif isinstance(record, Schema):
+                summary.schemas[record.id] = record
+            elif isinstance(record, Channel):
+                summary.channels[record.id] = record
+            else:
+                summary.metadata.append(record)
+    return summary
 
 
 class _Scan:

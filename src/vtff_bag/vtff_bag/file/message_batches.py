@@ -192,10 +192,13 @@ def copy_parts(stored, begin, length, result):  # type: ignore[no-untyped-def]
     """Copy parts of bytes, which begin somewhere, to a result one after the other."""
     place = 0
     for part in range(len(begin)):
-        first = begin[part]
-        for number in range(length[part]):
-            result[place + number] = stored[first + number]
-        place += length[part]
+        size = length[part]
+        # Loops from zero over a view are those that become instructions for many bytes at once.
+        source = stored[begin[part] : begin[part] + size]
+        target = result[place : place + size]
+        for number in range(size):
+            target[number] = source[number]
+        place += size
 
 
 @compiled
