@@ -59,13 +59,17 @@ def test_a_damaged_block_is_left_out_and_noted(tmp_path):
 
 def test_records_that_are_cut_off():
     with pytest.raises(ValueError, match="a record is cut off"):
-        batches.find_messages(b"\x05" + (22).to_bytes(8, "little") + bytes(21), {0: 0}, 0)
+        batches.find_messages(
+            b"\x05" + (22).to_bytes(8, "little") + bytes(21), batches.topic_table({0: 0}), 0
+        )
     with pytest.raises(ValueError, match="a record is cut off"):
-        batches.find_messages(b"\x05" + (21).to_bytes(8, "little") + bytes(21), {0: 0}, 0)
+        batches.find_messages(
+            b"\x05" + (21).to_bytes(8, "little") + bytes(21), batches.topic_table({0: 0}), 0
+        )
     with pytest.raises(ValueError, match="a record is cut off"):
-        batches.find_messages(b"\x07" + b"\xff" * 8 + bytes(50), {0: 0}, 0)
+        batches.find_messages(b"\x07" + b"\xff" * 8 + bytes(50), batches.topic_table({0: 0}), 0)
     with pytest.raises(ValueError, match="a record is cut off"):
-        batches.find_messages(bytes(8), {0: 0}, 0)
+        batches.find_messages(bytes(8), batches.topic_table({0: 0}), 0)
 
 
 def test_a_topic_that_is_not_in_the_bag(tmp_path):

@@ -19,7 +19,14 @@ from vtff_bag.file.mcap_blocks import MESSAGE_HEAD_SIZE, MESSAGE_OPCODE, RECORD,
 from vtff_bag.file.reader import BagReader, RawMessage
 from vtff_dynamics.compiled import compiled
 
-__all__ = ["MessageBatch", "copy_parts", "find_messages", "join_batches", "message_batches"]
+__all__ = [
+    "MessageBatch",
+    "copy_parts",
+    "find_messages",
+    "join_batches",
+    "message_batches",
+    "topic_table",
+]
 
 _BLOCKS_TOGETHER = 64
 
@@ -103,12 +110,14 @@ def _merge_blocks(reader: BagReader, topics: Mapping[str, int]) -> Iterator[Mess
     """Merge the blocks of all files; only blocks that are near in time are in memory."""
     blocks = reader.blocks_by_time()
     places = {place: index for index, place in enumerate(sorted(block[1:3] for block in blocks))}
-    channels = [
-        {
-            channel_id: topics[channel.topic]
-            for channel_id, channel in content.channels.items()
-            if channel.topic in topics
-        }
+    topics_of_channels = [
+        topic_table(
+            {
+                channel_id: topics[channel.topic]
+                for channel_id, channel in content.channels.items()
+                if channel.topic in topics
+            }
+        )
         for content in reader.contents
     ]
     waiting: list[MessageBatch] = []
@@ -117,9 +126,13 @@ def _merge_blocks(reader: BagReader, topics: Mapping[str, int]) -> Iterator[Mess
         for first in range(0, len(blocks), _BLOCKS_TOGETHER):
             after = first + _BLOCKS_TOGETHER
             for _, number, offset, block in blocks[first:after]:
-                place = places[number, offset]
                 waiting += _read_block(
-                    reader, number, block, opened[number], channels[number], place
+                    reader,
+                    number,
+                    block,
+                    opened[number],
+                    topics_of_channels[number],
+                    places[number, offset],
                 )
             if not waiting:
                 continue
@@ -137,7 +150,7 @@ def _read_block(
     number: int,
     block: Block,
     file: BinaryIO,
-    topic_of_channel: Mapping[int, int],
+    topics: npt.NDArray[np.int64],
     place: int,
 ) -> list[MessageBatch]:
     """Return the messages of a block of a file, by its number; none if the block is damaged."""
@@ -145,21 +158,29 @@ def _read_block(
     try:
         records = mcap_blocks.read_records(content, block, file)
         with mcap_blocks.damage_named(content, block):
-            return [find_messages(records, topic_of_channel, place)]
+            return [find_messages(records, topics, place)]
     except BagReadError as error:
         reader.note(str(error))
         return []
 
 
-def find_messages(records: bytes, topic_of_channel: Mapping[int, int], block: int) -> MessageBatch:
+def topic_table(topic_of_channel: Mapping[int, int]) -> npt.NDArray[np.int64]:
+    """Return the topic of every channel that there may be; -1 where none is given."""
+    topics = np.full(_CHANNELS, -1, dtype=np.int64)
+    for channel, topic in topic_of_channel.items():
+        topics[channel] = topic
+    return topics
+
+
+def find_messages(records: bytes, topics: npt.NDArray[np.int64], block: int) -> MessageBatch:
     """Return the messages of some channels in the records of a block, in file order.
 
     Parameters
     ----------
     records : bytes
         As `mcap_blocks.read_records` returns them.
-    topic_of_channel : mapping of int to int
-        Index of the topic of each channel whose messages are wanted.
+    topics : ndarray of int
+        Index of the topic of each channel, of `topic_table`; -1 where no messages are wanted.
     block : int
         See `MessageBatch`.
 
@@ -168,9 +189,6 @@ def find_messages(records: bytes, topic_of_channel: Mapping[int, int], block: in
     ValueError
         If a record is cut off.
     """
-    topics = np.full(_CHANNELS, -1, dtype=np.int64)
-    for channel, topic in topic_of_channel.items():
-        topics[channel] = topic
     stored = np.frombuffer(records, dtype=np.uint8)
     count, places = _find_messages(stored, topics)
     if count < 0:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
+import functools
 import os
 import pathlib
 from collections.abc import Mapping
@@ -228,10 +230,21 @@ def _parse(content: Mapping[str, Any]) -> BagMetadata:
 def parse_qos(offered: Any) -> list[QosEntry]:
     """Return offered QoS profiles from a list or from YAML text; anything else gives none."""
     if isinstance(offered, str):
-        try:
-            offered = parse_yaml(offered, FAST_LOADER)
-        except PlainYamlError:
-            return []
+        return copy.deepcopy(_parse_qos_text(offered))
+    return _select_profiles(offered)
+
+
+@functools.lru_cache(maxsize=64)
+def _parse_qos_text(offered: str) -> list[QosEntry]:
+    """Return the profiles in a YAML text; most topics of a bag have the same text."""
+    try:
+        return _select_profiles(parse_yaml(offered, FAST_LOADER))
+    except PlainYamlError:
+        return []
+
+
+def _select_profiles(offered: Any) -> list[QosEntry]:
+    """Return what is a QoS profile of what should be a list of them."""
     if not isinstance(offered, list):
         return []
     return [entry for entry in offered if isinstance(entry, dict)]
