@@ -29,6 +29,7 @@ from vtff_iono.edges import crossing_fit, wall_fit, wall_search
 from vtff_iono.edges.boundary import Boundary
 from vtff_iono.edges.ray_edges import RayEdgeFinder, RayEdgeSettings
 from vtff_iono.edges.vertical_edges import VerticalEdgeFinder
+from vtff_iono.geometry import satellite_geometry
 from vtff_iono.scintillation import high_pass
 from vtff_iono.spacecraft import formation_second
 from vtff_iono.spacecraft.formation_second import FormationSecond, Track
@@ -233,6 +234,7 @@ def compile_kernels() -> None:
     late by that.
     """
     line_of_sight.compile_kernels()
+    satellite_geometry.compile_kernels()
     pair_equations.compile_kernels()
     arc_noise.compile_kernels()
     single_columns.compile_kernels()

@@ -50,8 +50,11 @@ class ContentHistory:
         self._length = length
         self._seconds: deque[_SecondRows] = deque()
         self.links: Sequence[Link] = ()
-        # `trajectory` of the seconds, None until it is asked for.
-        self._trajectory: tuple[npt.NDArray[np.int64], FloatArray] | None = None
+        # Ends of the seconds up to the last one for which they were asked: time of each, and of
+        # those with known positions time, position and altitude.
+        self._last_end = -1
+        self._ends: tuple[npt.NDArray[np.int64], FloatArray, FloatArray]
+        self._ends = (np.zeros(0, dtype=np.int64), np.zeros((0, 3)), np.zeros(0))
 
     def add(
         self, position_itrf: FloatArray, result: SpacecraftResult, links: Sequence[Link]
@@ -71,7 +74,6 @@ class ContentHistory:
         if not len(rows):
             return
         self.links = links
-        self._trajectory = None
         self._seconds.append(
             _SecondRows(
                 rows.pairs.time,
@@ -95,22 +97,41 @@ class ContentHistory:
 
     def trajectory(self) -> tuple[npt.NDArray[np.int64], FloatArray]:
         """Return the ends of seconds with known positions, ns, and these positions (n, 3), m."""
-        if self._trajectory is None:
-            times = np.array([rows.time[-1] for rows in self._seconds], dtype=np.int64)
-            positions = np.array([rows.position_itrf[-1] for rows in self._seconds])
-            positions = positions.reshape(-1, 3)
-            is_known = np.isfinite(positions).all(axis=1)
-            self._trajectory = times[is_known], positions[is_known]
-        return self._trajectory
+        times, positions, _ = self._known_ends()
+        return times, positions
+
+    def _known_ends(self) -> tuple[npt.NDArray[np.int64], FloatArray, FloatArray]:
+        """Return time, position and altitude (n,), m, of the ends of seconds, see `trajectory`."""
+        new = []
+        for rows in reversed(self._seconds):
+            if rows.time[-1] <= self._last_end:
+                break
+            new.append((rows.time[-1], rows.position_itrf[-1]))
+        times, positions, altitudes = self._ends
+        if new:
+            new.reverse()
+            self._last_end = int(new[-1][0])
+            new_times = np.array([time for time, _ in new], dtype=np.int64)
+            new_positions = np.array([position for _, position in new])
+            is_known = np.isfinite(new_positions).all(axis=1)
+            if is_known.any():
+                new_positions = new_positions[is_known]
+                times = np.concatenate((times, new_times[is_known]))
+                positions = np.concatenate((positions, new_positions))
+                new_altitudes = geodetic_from_itrf(new_positions)[:, 2]
+                altitudes = np.concatenate((altitudes, new_altitudes))
+        oldest = self._seconds[0].time[-1] if self._seconds else 0
+        kept = slice(int(np.searchsorted(times, oldest)), None)
+        self._ends = times[kept], positions[kept], altitudes[kept]
+        return self._ends
 
     def vertical_speed(self) -> float:
         """Return the mean vertical speed, m/s; NaN with fewer than two positions."""
-        times, positions = self.trajectory()
+        times, _, altitudes = self._known_ends()
         if len(times) < 2:
             return math.nan
-        altitudes = geodetic_from_itrf(positions[[0, -1]])[:, 2]
         duration = (times[-1] - times[0]) / NANOSECONDS_PER_SECOND
-        return float(np.diff(altitudes)[0]) / float(duration)
+        return float(altitudes[-1] - altitudes[0]) / float(duration)
 
     def time_at_altitude(self, altitude: float) -> int | None:
         """Return when the spacecraft was at an altitude (m), ns.
@@ -118,10 +139,9 @@ class ContentHistory:
         If it was not there within the history, this is the end of the history that is nearer to
         the altitude; None with fewer than two positions.
         """
-        times, positions = self.trajectory()
+        times, _, altitudes = self._known_ends()
         if len(times) < 2:
             return None
-        altitudes = geodetic_from_itrf(positions)[:, 2]
         order = slice(None) if altitudes[-1] > altitudes[0] else slice(None, None, -1)
         seconds = (times - times[-1]) / NANOSECONDS_PER_SECOND
         since_end = float(np.interp(altitude, altitudes[order], seconds[order]))

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from vtff_dynamics.compiled import compiled as in_machine_code
 from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_dynamics.vectors import FloatArray
@@ -15,7 +16,13 @@ from vtff_gnss.orbits.line_of_sight import lines_of_sight
 from vtff_gnss.orbits.satellite_table import SatelliteOrbits, SatelliteTable
 from vtff_gnss.signals import satellite_number
 
-__all__ = ["ELEVATION_MASK_DEG", "SatelliteGeometry", "geometry_from_stores", "satellite_geometry"]
+__all__ = [
+    "ELEVATION_MASK_DEG",
+    "SatelliteGeometry",
+    "compile_kernels",
+    "geometry_from_stores",
+    "satellite_geometry",
+]
 
 ELEVATION_MASK_DEG = 10.0
 """Default elevation mask of contents, density and vertical edges.
@@ -215,17 +222,40 @@ def _fill_rows(
         compiled=compiled,
     )
     number_of_column = satellite_number(table.system, table.prn)
-    order = np.argsort(number_of_column)
-    index = np.minimum(
-        np.searchsorted(number_of_column, satellite, sorter=order), len(number_of_column) - 1
-    )
-    column = order[index]
-    has_sight = (number_of_column[column] == satellite) & has_position[epoch_of_row]
-    row = np.flatnonzero(has_sight)
-    epoch_and_column = (epoch_of_row[row], column[row])
-    target = rows[row]
-    result.elevation[target] = sight.elevation[epoch_and_column]
-    result.azimuth[target] = sight.azimuth[epoch_and_column]
-    result.direction_itrf[target] = sight.direction_itrf[epoch_and_column]
-    result.range[target] = sight.range[epoch_and_column]
-    result.velocity_satellite_itrf[target] = sight.velocity_satellite_itrf[epoch_and_column]
+    column_of_satellite = np.full(int(max(number_of_column.max(), satellite.max())) + 1, -1)
+    column_of_satellite[number_of_column] = np.arange(len(number_of_column))
+    column = column_of_satellite[satellite]
+    has_sight = (column >= 0) & has_position[epoch_of_row]
+    taken = [
+        (sight.elevation, result.elevation),
+        (sight.azimuth, result.azimuth),
+        (sight.range, result.range),
+    ]
+    for axis in range(3):
+        taken.append((sight.direction_itrf[..., axis], result.direction_itrf[:, axis]))
+        velocity = sight.velocity_satellite_itrf[..., axis]
+        taken.append((velocity, result.velocity_satellite_itrf[:, axis]))
+    for values, of_rows in taken:
+        if compiled:
+            _take_values(values, epoch_of_row, column, has_sight, rows, of_rows)
+        else:
+            chosen = np.flatnonzero(has_sight)
+            of_rows[rows[chosen]] = values[epoch_of_row[chosen], column[chosen]]
+
+
+@in_machine_code
+def _take_values(values, epoch, column, is_taken, rows, result):  # type: ignore[no-untyped-def]
+    """Set some rows of a result, in place, to the values (k, n) of their epochs and columns.
+
+    `epoch`, `column`, `is_taken` and `rows`, each of shape (m,), tell which value is that of which
+    row of the result, and whether there is one.
+    """
+    for number in range(len(rows)):
+        if is_taken[number]:
+            result[rows[number]] = values[epoch[number], column[number]]
+
+
+def compile_kernels() -> None:
+    """Compile what puts the lines of sight into rows."""
+    place = np.zeros(1, dtype=np.int64)
+    _take_values(np.zeros((1, 1)), place, place, np.ones(1, dtype=bool), place, np.zeros(1))
