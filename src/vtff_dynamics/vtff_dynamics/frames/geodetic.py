@@ -10,7 +10,12 @@ from vtff_dynamics.constants import WGS84_FLATTENING, WGS84_SEMI_MAJOR_AXIS
 from vtff_dynamics.frames.earth_environment import brahe_constants
 from vtff_dynamics.vectors import FloatArray
 
-__all__ = ["geodetic_from_itrf", "itrf_from_geodetic", "rotation_itrf_to_enu"]
+__all__ = [
+    "geodetic_from_itrf",
+    "itrf_from_geodetic",
+    "rotation_itrf_to_enu",
+    "rotation_to_enu_at",
+]
 
 
 def geodetic_from_itrf(position_itrf: npt.ArrayLike) -> FloatArray:
@@ -72,6 +77,11 @@ def rotation_itrf_to_enu(position_itrf: npt.ArrayLike) -> FloatArray:
         Rows: east, north, and up along the normal of the WGS-84 ellipsoid.
     """
     latitude, longitude, _ = geodetic_from_itrf(position_itrf)
+    return rotation_to_enu_at(float(latitude), float(longitude))
+
+
+def rotation_to_enu_at(latitude: float, longitude: float) -> FloatArray:
+    """Return the rotation matrix of `rotation_itrf_to_enu` at a geodetic place, rad."""
     sine, cosine = float(np.sin(longitude)), float(np.cos(longitude))
     up_normal, up_equatorial = float(np.sin(latitude)), float(np.cos(latitude))
     # Written out: for three numbers np.cross takes longer than all the rest.

@@ -11,6 +11,7 @@ from vtff_iono.bias.bias_samples import BiasSamples, ReceiverBiasError
 from vtff_iono.bias.pair_equations import (
     PairEquations,
     _normal_equations,
+    count_pairs,
     satellite_pairs,
     solve_pairs,
 )
@@ -240,3 +241,10 @@ def test_normal_equations_are_those_of_each_block(columns):
         np.testing.assert_allclose(
             vectors[block], weighted @ observed[rows], rtol=1e-12, atol=1e-14
         )
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_number_of_pairs_is_that_of_their_indices(seed):
+    time = np.sort(np.random.default_rng(seed).integers(0, 10, 40)).astype(float)
+    assert count_pairs(time) == len(satellite_pairs(time)[0])
+    assert count_pairs(time[:1]) == count_pairs(time[:0]) == 0

@@ -23,6 +23,7 @@ __all__ = [
     "PairEquations",
     "PairSolution",
     "compile_kernels",
+    "count_pairs",
     "jackknife_sigma",
     "satellite_pairs",
     "solve_pairs",
@@ -55,6 +56,12 @@ def satellite_pairs(time: FloatArray) -> tuple[IntArray, IntArray]:
         firsts.append(start + i)
         seconds.append(start + j)
     return np.concatenate(firsts), np.concatenate(seconds)
+
+
+def count_pairs(time: FloatArray) -> int:
+    """Return the number of `satellite_pairs`."""
+    samples = np.diff(np.flatnonzero(np.diff(time, prepend=-np.inf, append=np.inf)))
+    return int(np.sum(samples * (samples - 1)) // 2)
 
 
 class PairEquations:

@@ -55,6 +55,7 @@ from vtff_iono.bias.pair_equations import (
     IntArray,
     PairEquations,
     PairSolution,
+    count_pairs,
     jackknife_sigma,
     satellite_pairs,
     solve_pairs,
@@ -216,13 +217,13 @@ def estimate_receiver_biases(
     samples, altitude = samples.select(chosen), altitude[chosen]
     order = np.argsort(samples.time, kind="stable")
     samples, altitude = samples.select(order), altitude[order]
-    first, second = satellite_pairs(samples.time)
     if is_ground or samples.arc is None:
+        first, second = satellite_pairs(samples.time)
         models = _models(samples, altitude, is_ground)
         solutions, sigmas = _solve_models(samples, models, first, second, block)
         return BiasEstimate(_combine_models(samples, solutions, sigmas, len(first)), None)
     is_high = samples.elevation >= math.radians(max(_ELEVATIONS_DEG))
-    count = int(np.count_nonzero(is_high[first] & is_high[second]))
+    count = count_pairs(samples.time[is_high])
     if count < _FEWEST_PAIRS:
         raise ReceiverBiasError(_describe_few(count, max(_ELEVATIONS_DEG)))
     # Imported here: sparse matrices of scipy take a while, and a receiver at rest has no profile.
@@ -230,7 +231,9 @@ def estimate_receiver_biases(
 
     altitude = geodetic_from_itrf(all_elevations.position_receiver_itrf)[..., 2]
     profile = profile_biases(all_elevations, altitude, None if before is None else before.search)
-    biases = _combine_models(samples, profile.bias_tecu, profile.sigma_tecu, len(first))
+    biases = _combine_models(
+        samples, profile.bias_tecu, profile.sigma_tecu, count_pairs(samples.time)
+    )
     satellite_sigma = round(profile.satellite_sigma_tecu, DECIMALS_TECU)
     biases = [replace(bias, satellite_sigma_tecu=satellite_sigma) for bias in biases]
     return BiasEstimate(biases, profile)

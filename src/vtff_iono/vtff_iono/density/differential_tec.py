@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from vtff_dynamics.compiled import compiled
 from vtff_dynamics.constants import SPEED_OF_LIGHT
-from vtff_dynamics.frames.geodetic import rotation_itrf_to_enu
+from vtff_dynamics.frames.geodetic import geodetic_from_itrf, rotation_to_enu_at
 from vtff_dynamics.vectors import FloatArray
 from vtff_iono.links.geometry_free import tecu_per_metre
 from vtff_iono.links.windows import WindowBuffer
@@ -57,6 +57,7 @@ def horizontal_sigma(
     gradient_sigma: FloatArray,
     position_chief_itrf: FloatArray,
     position_deputy_itrf: FloatArray,
+    geodetic_chief: FloatArray | None = None,
 ) -> float:
     """Return the sigma of what vertical contents differ by from one receiver to the other, TECU.
 
@@ -66,8 +67,12 @@ def horizontal_sigma(
         Sigmas of the gradients of the vertical content to the east and north, TECU/m.
     position_chief_itrf, position_deputy_itrf : ndarray, shape (3,)
         Positions of the receivers, m.
+    geodetic_chief : ndarray, shape (3,), optional
+        Latitude, longitude (rad) and height of the chief, where they are known already.
     """
-    rotation = rotation_itrf_to_enu(position_chief_itrf)
+    if geodetic_chief is None:
+        geodetic_chief = geodetic_from_itrf(position_chief_itrf)
+    rotation = rotation_to_enu_at(*geodetic_chief[:2].tolist())
     distance = rotation[:2] @ (position_deputy_itrf - position_chief_itrf)
     return float(np.linalg.norm(gradient_sigma * distance))
 

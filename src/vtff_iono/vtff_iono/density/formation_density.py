@@ -525,7 +525,8 @@ class FormationDensity:
             positions[craft] = track.positions(when)[0]
         if not np.isfinite(positions).all():
             return []
-        altitude_chief, altitude_deputy = geodetic_from_itrf(positions)[:, 2].tolist()
+        geodetic = geodetic_from_itrf(positions)
+        altitude_chief, altitude_deputy = geodetic[:, 2].tolist()
         if self._datum.number != self._datum_number:
             self._datum_number = self._datum.number
             self._estimator.reset_bias()
@@ -541,7 +542,7 @@ class FormationDensity:
         seeming_sigma = sigma_of_all.copy()
         self._doubt_against_geometry(means, sigma_of_all)
         altitudes = (altitude_chief, altitude_deputy)
-        horizontal_sigma = self._horizontal_sigma(chief, positions)
+        horizontal_sigma = self._horizontal_sigma(chief, positions, geodetic[0])
         now = _Second(
             time,
             altitudes,
@@ -851,16 +852,18 @@ class FormationDensity:
         self._resolver.add_geometric(errors)
         return contradicts
 
-    def _horizontal_sigma(self, chief: SpacecraftResult, positions: FloatArray) -> float:
+    def _horizontal_sigma(
+        self, chief: SpacecraftResult, positions: FloatArray, geodetic_chief: FloatArray
+    ) -> float:
         """Return the sigma of what the vertical contents at two positions differ by, TECU.
 
-        `positions` have shape (2, 3), m.
+        `positions` have shape (2, 3), m; `geodetic_chief` as in `horizontal_sigma`.
         """
         gradient = np.full(2, math.nan) if chief.epoch is None else chief.epoch.gradient_sigma
         if not np.isfinite(gradient).all():
             per_deg = self._settings.gradient_sigma_tecu_per_deg
             gradient = np.full(2, math.degrees(per_deg / float(np.linalg.norm(positions[0]))))
-        return horizontal_sigma(gradient, *positions)
+        return horizontal_sigma(gradient, positions[0], positions[1], geodetic_chief)
 
     def _resolve_integers(
         self,

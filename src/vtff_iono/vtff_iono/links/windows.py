@@ -60,9 +60,11 @@ class WindowBuffer:
         if len(time) == 0:
             return
         # Divided are the first and the last time only: to divide all takes longer than all else.
-        first, last = (int(limit) // self._length for limit in time[[0, -1]])
+        first, last = int(time[0]) // self._length, int(time[-1]) // self._length
         edges = [0, len(time)]
-        if first != last:
+        if first + 1 == last:
+            edges[1:1] = [int(time.searchsorted(self._length * last))]
+        elif first != last:
             begins = self._length * np.arange(first + 1, last + 1)
             edges[1:1] = np.unique(np.searchsorted(time, begins)).tolist()
         for start, end in itertools.pairwise(edges):
