@@ -19,7 +19,7 @@ from vtff_bag.file.reader import BagReader, DecodedMessage, RawMessage
 from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_gnss.ephemeris import BroadcastEphemeris
-from vtff_iono.conversions import block_from_messages, second_from_messages
+from vtff_iono.conversions import second_from_messages
 from vtff_iono.spacecraft.formation_second import FormationSecond
 from vtff_iono.spacecraft.navigation_choice import NavigationChoice
 from vtff_iono.spacecraft.spacecraft_ionosphere import ObservationBlock
@@ -61,7 +61,7 @@ def formation_seconds(
         key=lambda entry: entry[:2],
     )
     choice = NavigationChoice()
-    for second in sorted(observed[0].keys() | observed[1].keys()):
+    for second in sorted(observed[0].rows.keys() | observed[1].rows.keys()):
         stamp = second * NANOSECONDS_PER_SECOND
         new = [entry for entry in ephemerides if entry[0] <= stamp]
         ephemerides = ephemerides[len(new) :]
@@ -69,10 +69,7 @@ def formation_seconds(
             [entry[2] for entry in new],
             second_from_messages(
                 GpsTime.from_unix_nanoseconds(stamp),
-                (
-                    observed[0].get(second) or block_from_messages([]),
-                    observed[1].get(second) or block_from_messages([]),
-                ),
+                (observed[0].at(second), observed[1].at(second)),
                 [relative.get(second)],
                 [integers.get(second)],
                 [fixes_of_craft.get(second) for fixes_of_craft in fixes],
@@ -111,49 +108,77 @@ class _FormationBag:
         """Return the messages of a topic."""
         return (self._reader.decoded(raw) for raw in self._ephemerides[topic])
 
-    def by_second(self, topic: str) -> dict[int, Any]:
-        """Return the messages of a topic whose stamps are whole seconds, by their second.
-
-        They are messages without text fields. To read all of them as columns takes a fifth of the
-        time of reading one by one.
-        """
+    def by_second(self, topic: str) -> dict[int, _RecordedMessage]:
+        """Return the messages of a topic whose stamps are whole seconds, by their second."""
         columns = self._columns.pop(topic).columns()
-        ends = {name: np.cumsum(lengths).tolist() for name, lengths in columns.lengths.items()}
-        fields = {name: values for name, values in columns.numbers.items() if "." not in name}
-        messages = {}
-        for number, stamp in enumerate(_stamps_nanoseconds(columns).tolist()):
-            second, rest = divmod(stamp, NANOSECONDS_PER_SECOND)
-            if rest != 0:
-                continue
-            message = SimpleNamespace(
-                header=SimpleNamespace(stamp=SimpleNamespace(sec=second, nanosec=0)),
-                **{name: values[number] for name, values in fields.items()},
-            )
-            for name, of_messages in ends.items():
-                begin = of_messages[number - 1] if number else 0
-                setattr(message, name, columns.sequences[name][begin : of_messages[number]])
-            messages[second] = message
-        return messages
+        ends = {name: np.cumsum(lengths) for name, lengths in columns.lengths.items()}
+        stamps = _stamps_nanoseconds(columns)
+        whole = np.flatnonzero(stamps % NANOSECONDS_PER_SECOND == 0)
+        seconds = stamps[whole] // NANOSECONDS_PER_SECOND
+        return {
+            second: _RecordedMessage(columns, ends, second, row)
+            for second, row in zip(seconds.tolist(), whole.tolist(), strict=True)
+        }
 
-    def observations(self, topic: str) -> dict[int, ObservationBlock]:
-        """Return the epochs of a topic by the end of the second in which their stamps lie."""
-        columns = self._columns.pop(topic).columns()
+    def observations(self, topic: str) -> _Observations:
+        """Return the epochs of a topic."""
+        return _Observations(self._columns.pop(topic).columns())
+
+
+class _RecordedMessage:
+    """A message without text fields, whose fields are read from columns when they are asked for.
+
+    To read all messages as columns takes a fifth of the time of reading one by one.
+    """
+
+    def __init__(
+        self,
+        columns: MessageColumns,
+        ends: dict[str, npt.NDArray[np.int64]],
+        second: int,
+        row: int,
+    ) -> None:
+        self._columns, self._ends, self._row = columns, ends, row
+        self._second = second
+
+    @property
+    def header(self) -> SimpleNamespace:
+        """Header with the stamp."""
+        return SimpleNamespace(stamp=SimpleNamespace(sec=self._second, nanosec=0))
+
+    def __getattr__(self, name: str) -> Any:
+        """Return a number, or an array of numbers."""
+        columns, row = self._columns, self._row
+        if name in columns.numbers:
+            return columns.numbers[name][row]
+        if name not in columns.sequences:
+            raise AttributeError(name)
+        end = self._ends[name][row]
+        return columns.sequences[name][end - columns.lengths[name][row] : end]
+
+
+class _Observations:
+    """Epochs of a topic by the end of the second in which their stamps lie."""
+
+    def __init__(self, columns: MessageColumns) -> None:
         table = observation_table(columns)
         second = -(-_stamps_nanoseconds(columns) // NANOSECONDS_PER_SECOND)
         if (np.diff(second) < 0).any():
             order = np.argsort(second, kind="stable")
             second, table = second[order], table.epochs_at(order)
-        time = np.repeat(table.time_nanoseconds, np.diff(table.first_row))
+        self._columns = table.columns
+        self._time = np.repeat(table.time_nanoseconds, np.diff(table.first_row))
         first = np.flatnonzero(np.diff(second, prepend=second[:1] - 1))
         edges = table.first_row[np.append(first, len(second))].tolist()
-        return {
-            number: ObservationBlock(
-                time[start:end], {name: column[start:end] for name, column in table.columns.items()}
-            )
-            for number, start, end in zip(
-                second[first].tolist(), edges[:-1], edges[1:], strict=True
-            )
-        }
+        ranges = zip(edges[:-1], edges[1:], strict=True)
+        # First row of each second, and the row after its last one.
+        self.rows = dict(zip(second[first].tolist(), ranges, strict=True))
+
+    def at(self, second: int) -> ObservationBlock:
+        """Return the observations of a second."""
+        start, end = self.rows.get(second, (0, 0))
+        columns = {name: column[start:end] for name, column in self._columns.items()}
+        return ObservationBlock(self._time[start:end], columns)
 
 
 def _stamps_nanoseconds(columns: MessageColumns) -> npt.NDArray[np.int64]:
