@@ -257,7 +257,8 @@ class RayEdgeFinder:
         seconds = len(series.results)
         epochs_of_second, sample_length = np.zeros(seconds), np.ones(seconds)
         for number, (first, end) in enumerate(itertools.pairwise(series.first_row.tolist())):
-            epochs = np.unique(time[first:end])
+            times = time[first:end]
+            epochs = times[np.diff(times, prepend=times[:1] - 1) != 0]
             if len(epochs) >= _FEWEST_EPOCHS:
                 epochs_of_second[number] = len(epochs)
                 step = statistics.median(np.diff(epochs).tolist())
