@@ -9,6 +9,7 @@ from __future__ import annotations
 import pathlib
 import subprocess
 import sys
+import tempfile
 from collections.abc import Callable
 
 CONFIG = pathlib.Path(__file__).resolve().parents[1] / "config"
@@ -51,9 +52,27 @@ def compile_ionosphere() -> None:
     compile_kernels()
 
 
+def compile_recordings() -> None:
+    """Compile the reading of recorded observations."""
+    from rclpy.serialization import serialize_message
+
+    from vtff_analysis.recordings.observation_recording import recorded_observations
+    from vtff_bag.file.metadata import offered_qos
+    from vtff_bag.file.reader import BagReader
+    from vtff_bag.file.writer import BagWriter
+    from vtff_msgs.msg import GnssObservations
+
+    topic, type_name = "/gnss/high_rate", "vtff_msgs/msg/GnssObservations"
+    with tempfile.TemporaryDirectory() as folder:
+        with BagWriter(pathlib.Path(folder) / "bag", {}) as writer:
+            number = writer.add_topic(topic, type_name, [offered_qos()], "", "")
+            writer.write(number, serialize_message(GnssObservations()), 0)
+        recorded_observations(BagReader(f"{folder}/bag"), topic)
+
+
 SHARES: tuple[tuple[Callable[[], None], ...], ...] = (
     (compile_estimator, compile_safety),
-    (compile_receivers, compile_ionosphere),
+    (compile_receivers, compile_ionosphere, compile_recordings),
 )
 
 
