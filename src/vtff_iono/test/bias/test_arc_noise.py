@@ -3,7 +3,13 @@
 import numpy as np
 import pytest
 
-from vtff_iono.bias.arc_noise import ArcNoise, ArcOrder, Whitening, estimate_noise
+from vtff_iono.bias.arc_noise import (
+    ArcNoise,
+    ArcOrder,
+    Whitening,
+    _likelihood,
+    estimate_noise,
+)
 
 GENERATOR = np.random.default_rng(4)
 ARCS, LENGTH, STEP = 20, 60, 20.0
@@ -81,3 +87,28 @@ def test_an_outlier_of_little_weight_does_not_count():
     weight = np.ones(len(value))
     value[::97], weight[::97] = 30.0, 1e-6
     assert estimate_noise(value, order, weight).white == pytest.approx(0.03, rel=0.1)
+
+
+def test_likelihood_is_the_restricted_one_of_the_dense_covariance():
+    """Patterson and Thompson: without what a constant and the mapping of each arc explain."""
+    arc, time, mapping = rows()
+    order = ArcOrder.of(arc, time, mapping)
+    residual, weight = GENERATOR.standard_normal(len(arc)), GENERATOR.uniform(0.1, 1.0, len(arc))
+    found = []
+    for slow, seconds in ((0.5, 60.0), (4.0, 480.0)):
+        noise = ArcNoise(1.0, slow, seconds, 1.0)
+        of_order = order.mapping, slow * order.mapping, np.exp(-order.step / seconds)
+        logarithm, white = _likelihood(residual[order.rows], *of_order, 1.0 / weight[order.rows])
+        matrix = covariance(arc, time, mapping, noise, weight)
+        is_arc = arc[:, None] == np.arange(ARCS)
+        basis = np.hstack((is_arc, is_arc * mapping[:, None]))
+        inverse = np.linalg.inv(matrix)
+        of_basis = basis.T @ inverse @ basis
+        fitted = np.linalg.solve(of_basis, basis.T @ inverse @ residual)
+        degrees = len(arc) - 2 * ARCS
+        expected = residual @ inverse @ (residual - basis @ fitted) / degrees
+        assert white == pytest.approx(expected, rel=1e-9)
+        determinants = np.linalg.slogdet(matrix)[1] + np.linalg.slogdet(of_basis)[1]
+        found.append((logarithm, -0.5 * (determinants + degrees * np.log(expected))))
+    for logarithm, expected in found:
+        assert logarithm == pytest.approx(expected, rel=1e-9)

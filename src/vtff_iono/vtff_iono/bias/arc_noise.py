@@ -37,6 +37,10 @@ __all__ = ["ArcNoise", "ArcOrder", "Whitening", "compile_kernels", "estimate_noi
 _RATIOS = (0.0, *np.geomspace(0.1, 20.0, 16).tolist())
 _TIMES = tuple(np.geomspace(30.0, 960.0, 6).tolist())
 _POWERS = (0.0, 1.0)
+# What is left of a column of an arc explains nothing where the sum of its squares is less.
+_PIVOT_LEAST = 1e-9
+# Limits of a product of variances, far from those of numbers.
+_PRODUCT_LEAST, _PRODUCT_MOST = 1e-100, 1e100
 # Sigma of the white noise at least, TECU.
 _WHITE_LEAST = 0.005
 
@@ -224,44 +228,66 @@ def _likelihood(residual, mapping, response, decay, variance):  # type: ignore[n
     `response` and `variance` (n,) are relative to the white noise, whose variance is the most
     likely one. A constant and a multiple of `mapping` are left out of each arc.
     """
-    columns = np.empty(3)
-    state = np.zeros(3)
-    # Sums of products of innovations of the constant, the mapping and the residual.
-    sums = np.zeros((3, 3))
-    spread, logarithm, total = 1.0, 0.0, 0.0
+    # The states of the filters of the constant, of the mapping and of the residual.
+    state_one, state_mapping, state_residual = 0.0, 0.0, 0.0
+    # Sums of products of their innovations.
+    one_one, one_mapping, one_residual = 0.0, 0.0, 0.0
+    mapping_mapping, mapping_residual, residual_residual = 0.0, 0.0, 0.0
+    # The logarithm of a product of many variances costs as much as that of one.
+    spread, logarithm, product, total = 1.0, 0.0, 1.0, 0.0
     degrees = 0
     count = len(residual)
     for row in range(count + 1):
         if row == count or decay[row] == 0.0:
             # An arc has ended: what its constant and its mapping explain is taken off.
-            for first in range(2):
-                pivot = sums[first, first]
-                if pivot > 1e-9:
-                    for i in range(first + 1, 3):
-                        factor = sums[first, i] / pivot
-                        for j in range(i, 3):
-                            sums[i, j] -= factor * sums[first, j]
-                    logarithm += np.log(pivot)
-                    degrees -= 1
-            total += max(sums[2, 2], 0.0)
-            sums[:] = 0.0
-            state[:] = 0.0
+            if one_one > _PIVOT_LEAST:
+                factor = one_mapping / one_one
+                mapping_mapping -= factor * one_mapping
+                mapping_residual -= factor * one_residual
+                residual_residual -= one_residual / one_one * one_residual
+                logarithm += np.log(one_one)
+                degrees -= 1
+            if mapping_mapping > _PIVOT_LEAST:
+                residual_residual -= mapping_residual / mapping_mapping * mapping_residual
+                logarithm += np.log(mapping_mapping)
+                degrees -= 1
+            total += max(residual_residual, 0.0)
+            state_one, state_mapping, state_residual = 0.0, 0.0, 0.0
+            one_one, one_mapping, one_residual = 0.0, 0.0, 0.0
+            mapping_mapping, mapping_residual, residual_residual = 0.0, 0.0, 0.0
         if row == count:
             break
         spread = 1.0 - decay[row] * decay[row] * (1.0 - spread)
         of_innovation = response[row] * response[row] * spread + variance[row]
-        gain = spread * response[row] / of_innovation
-        columns[0], columns[1], columns[2] = 1.0, mapping[row], residual[row]
-        for i in range(3):
-            expected = decay[row] * state[i]
-            columns[i] -= response[row] * expected
-            state[i] = expected + gain * columns[i]
-        for i in range(3):
-            for j in range(i, 3):
-                sums[i, j] += columns[i] * columns[j] / of_innovation
+        per_variance = 1.0 / of_innovation
+        gain = spread * response[row] * per_variance
+        one_expected = decay[row] * state_one
+        mapping_expected = decay[row] * state_mapping
+        residual_expected = decay[row] * state_residual
+        of_one = 1.0 - response[row] * one_expected
+        of_mapping = mapping[row] - response[row] * mapping_expected
+        of_residual = residual[row] - response[row] * residual_expected
+        state_one = one_expected + gain * of_one
+        state_mapping = mapping_expected + gain * of_mapping
+        state_residual = residual_expected + gain * of_residual
+        one, other, last = (
+            of_one * per_variance,
+            of_mapping * per_variance,
+            of_residual * per_variance,
+        )
+        one_one += one * of_one
+        one_mapping += one * of_mapping
+        one_residual += one * of_residual
+        mapping_mapping += other * of_mapping
+        mapping_residual += other * of_residual
+        residual_residual += last * of_residual
         spread *= 1.0 - gain * response[row]
-        logarithm += np.log(of_innovation)
+        product *= of_innovation
+        if not _PRODUCT_LEAST < product < _PRODUCT_MOST:
+            logarithm += np.log(product)
+            product = 1.0
         degrees += 1
+    logarithm += np.log(product)
     degrees = max(degrees, 1)
     white = max(total / degrees, 1e-12)
     return -0.5 * (logarithm + degrees * np.log(white)), white
