@@ -20,7 +20,7 @@ from vtff_gnss.constants import FLAG_CODE_VALID, FLAG_PHASE_VALID, SYSTEM_GPS
 from vtff_gnss.ephemeris import BroadcastEphemeris
 from vtff_gnss.observations import OBSERVATION_COLUMNS
 from vtff_gnss.orbits import line_of_sight
-from vtff_iono.bias import arc_noise, pair_equations, single_columns
+from vtff_iono.bias import arc_noise, expected_contents, pair_equations, single_columns
 from vtff_iono.bias.code_biases import CodeBiasTable
 from vtff_iono.density import differential_tec, electron_density
 from vtff_iono.density.electron_density import DensitySettings
@@ -237,6 +237,7 @@ def compile_kernels() -> None:
     satellite_geometry.compile_kernels()
     pair_equations.compile_kernels()
     arc_noise.compile_kernels()
+    expected_contents.compile_kernels()
     single_columns.compile_kernels()
     differential_tec.compile_kernels()
     electron_density.compile_kernels()

@@ -16,7 +16,7 @@ from vtff_iono.bias.altitude_shells import (
     shell_edges,
     shell_middles,
     shell_paths,
-    vertical_paths,
+    vertical_contents,
 )
 from vtff_iono.geometry.mapping import distance_to_altitude, profile_content
 
@@ -42,8 +42,14 @@ def test_paths_are_the_integrals_of_a_spherical_ionosphere():
             elevation, WGS84_SEMI_MAJOR_AXIS + altitude, table, np.repeat(density, 2)
         )
         assert paths @ density == pytest.approx(expected, rel=2e-4)
-        (vertical,) = vertical_paths(np.array([altitude]), edges)
-        assert vertical == pytest.approx(paths[3], rel=1e-9)
+        (vertical,) = vertical_contents(np.array([altitude]), edges, density)
+        assert vertical == pytest.approx(paths[3] @ density, rel=1e-9)
+
+
+def test_receivers_outside_the_shells_have_all_or_nothing_above_them():
+    edges, density = np.array([100e3, 200e3, 400e3]), np.array([1e12, 2e12])
+    contents = vertical_contents(np.array([0.0, 100e3, 300e3, 400e3, 500e3]), edges, density)
+    assert contents == pytest.approx([50.0, 50.0, 20.0, 0.0, 0.0], rel=1e-12)
 
 
 @given(
@@ -92,3 +98,23 @@ def test_topside_falls_with_its_exponent():
     rise = math.log(middle[other] / middle[one])
     variance = covariance[one, one] + covariance[other, other] - 2.0 * covariance[one, other]
     assert math.sqrt(variance) == pytest.approx(1.0 * rise, rel=1e-3)
+
+
+def test_prior_matrix_is_that_of_the_precision_of_neighbours():
+    """A prior D' Q D of the logarithms, with the differences D of neighbours, and of their mean."""
+    edges, topside = shell_edges(240e3, 300e3), TopsideModel()
+    middle = shell_middles(edges)
+    precision, vector = log_density_prior(edges, 300e3, topside)
+    differences, above = np.diff(np.eye(len(middle)), axis=0), middle[1:] > 500e3
+    rise = np.diff(np.log(middle))
+    distance = np.abs(np.subtract.outer(*2 * [np.log(middle[1:][above])]))
+    covariance = np.eye(len(rise))
+    of_exponent = topside.exponent_sigma**2 * np.exp(-distance / topside.correlation_length)
+    covariance[np.ix_(above, above)] = of_exponent * np.outer(rise[above], rise[above])
+    inverse = np.linalg.inv(covariance)
+    level = 1e-4 / len(middle)
+    expected = differences.T @ inverse @ differences + level * np.eye(len(middle))
+    assert precision == pytest.approx(expected, rel=1e-9, abs=1e-9 * expected.max())
+    mean = -topside.exponent * rise * above
+    of_mean = differences.T @ inverse @ mean + level * math.log(1e11)
+    assert vector == pytest.approx(of_mean, rel=1e-9, abs=1e-9 * np.abs(of_mean).max())

@@ -20,15 +20,10 @@ EFFECT_PRECISION = np.array([0.0, 10.0, 4.0])
 
 
 def normal():
-    weighted = PATHS * WEIGHT[:, np.newaxis]
-    heavy = COLUMNS * WEIGHT[:, np.newaxis]
-    return NormalEquations(
-        density=weighted.T @ PATHS,
-        effects=heavy.T @ COLUMNS,
-        mixed=heavy.T @ PATHS,
-        density_vector=weighted.T @ STEC,
-        effects_vector=heavy.T @ STEC,
-    )
+    """Return the normal equations of effects that are all shared."""
+    joint = np.column_stack((COLUMNS, PATHS, STEC))
+    products = (joint * WEIGHT[:, np.newaxis]).T @ joint
+    return NormalEquations(EFFECTS, products, np.zeros((3, 0)), np.zeros((2, 0, len(products))))
 
 
 def minus_log_posterior(unknown):
@@ -77,3 +72,39 @@ def test_effects_of_known_value_keep_it():
     found = solve_profile(normal(), PRIOR, PRIOR_VECTOR, precise, np.zeros(SHELLS))
     assert found.effects[1:] == pytest.approx([0.0, 0.0], abs=1e-6)
     assert found.effect_variance[1:] == pytest.approx([1e-12, 1e-12], rel=1e-3)
+
+
+def test_effects_of_arcs_are_those_of_a_full_matrix():
+    """Blocks of arcs that are eliminated first change nothing."""
+    arc, arcs, shared = np.arange(SAMPLES) % 3, 3, EFFECTS
+    both = np.array([PATHS @ np.exp(LOG_DENSITY), np.ones(SAMPLES)])
+    of_arcs = np.hstack(
+        [(arc[:, np.newaxis] == np.arange(arcs)) * row[:, np.newaxis] for row in both]
+    )
+    precision = np.concatenate((EFFECT_PRECISION, [4.0, 5.0, 6.0, 0.1, 0.2, 0.3]))
+    columns = np.hstack((COLUMNS, of_arcs))
+    joint = np.column_stack((columns, PATHS, STEC))
+    products = (joint * WEIGHT[:, np.newaxis]).T @ joint
+    no_arcs = np.zeros((3, 0)), np.zeros((2, 0, len(products)))
+    full = NormalEquations(len(precision), products, *no_arcs)
+    kept = np.setdiff1d(np.arange(len(products)), shared + np.arange(2 * arcs))
+    first, second = shared + np.arange(arcs), shared + arcs + np.arange(arcs)
+    with_arcs = NormalEquations(
+        shared,
+        products[np.ix_(kept, kept)],
+        np.array([products[first, first], products[first, second], products[second, second]]),
+        np.array([products[np.ix_(first, kept)], products[np.ix_(second, kept)]]),
+    )
+    expected, found = (
+        solve_profile(equations, PRIOR, PRIOR_VECTOR, precision, np.zeros(SHELLS))
+        for equations in (full, with_arcs)
+    )
+    assert found.log_density == pytest.approx(expected.log_density, rel=1e-9)
+    assert found.effects == pytest.approx(expected.effects, rel=1e-9)
+    assert found.effect_variance == pytest.approx(expected.effect_variance, rel=1e-9)
+    assert found.shared_variance == pytest.approx(expected.effect_variance[:shared], rel=1e-9)
+    functions = (
+        GENERATOR.standard_normal((5, SHELLS)),
+        GENERATOR.standard_normal((5, len(precision))),
+    )
+    assert found.variance(*functions) == pytest.approx(expected.variance(*functions), rel=1e-9)

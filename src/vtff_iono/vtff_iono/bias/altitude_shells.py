@@ -15,9 +15,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from vtff_dynamics.compiled import compiled
+from vtff_dynamics.constants import WGS84_FLATTENING, WGS84_SEMI_MAJOR_AXIS
 from vtff_dynamics.vectors import FloatArray
 from vtff_gnss.constants import ELECTRONS_PER_TECU
-from vtff_iono.geometry.mapping import distance_of_ray
 
 __all__ = [
     "TopsideModel",
@@ -25,7 +25,7 @@ __all__ = [
     "shell_edges",
     "shell_middles",
     "shell_paths",
-    "vertical_paths",
+    "vertical_contents",
 ]
 
 # Thickness of the thin shells, m.
@@ -106,25 +106,48 @@ def shell_paths(
 def _paths_through_shells(position, direction, altitude, edges):  # type: ignore[no-untyped-def]
     """Return the paths that `shell_paths` describes."""
     paths = np.empty((len(position), len(edges) - 1))
+    equatorial, polar = np.empty(len(edges)), np.empty(len(edges))
+    for number in range(len(edges)):
+        half_axis = WGS84_SEMI_MAJOR_AXIS + edges[number]
+        equatorial[number] = 1.0 / half_axis**2
+        polar[number] = 1.0 / (half_axis - WGS84_SEMI_MAJOR_AXIS * WGS84_FLATTENING) ** 2
     for row in range(len(position)):
+        start, along = position[row], direction[row]
+        # Squares and products of the components in the plane of the equator, and of the others.
+        squares = start[0] ** 2 + start[1] ** 2, start[2] ** 2
+        products = start[0] * along[0] + start[1] * along[1], start[2] * along[2]
+        of_direction = along[0] ** 2 + along[1] ** 2, along[2] ** 2
         before = 0.0
         for number in range(len(edges)):
             distance = 0.0
             if not edges[number] <= altitude[row]:
-                distance = distance_of_ray(position[row], direction[row], edges[number])
+                # The equation of `distance_of_ray`, of which it is the same sum.
+                excess = squares[0] * equatorial[number] + squares[1] * polar[number] - 1.0
                 # An edge within metres above the receiver may be an ellipsoid that passes below it.
-                if math.isnan(distance):
-                    distance = 0.0
+                if excess <= 0.0:
+                    mixed = products[0] * equatorial[number] + products[1] * polar[number]
+                    square = of_direction[0] * equatorial[number] + of_direction[1] * polar[number]
+                    distance = (math.sqrt(mixed * mixed - square * excess) - mixed) / square
             if number > 0:
                 paths[row, number - 1] = (distance - before) / ELECTRONS_PER_TECU
             before = distance
     return paths
 
 
-def vertical_paths(altitude: FloatArray, edges: FloatArray) -> FloatArray:
-    """Return vertical content per density in shells above altitudes (n,), as `shell_paths`."""
-    height = np.maximum(edges - altitude[:, np.newaxis], 0.0)
-    return np.asarray(np.diff(height, axis=1) / ELECTRONS_PER_TECU)
+def vertical_contents(altitude: FloatArray, edges: FloatArray, density: FloatArray) -> FloatArray:
+    """Return the vertical contents of shells above altitudes, TECU, shape (n,).
+
+    Parameters
+    ----------
+    altitude : ndarray, shape (n,)
+        Altitudes of receivers, m.
+    edges, density : ndarray, shapes (shells + 1,) and (shells,)
+        Edges of the shells, m, and their densities, electrons per cubic metre.
+    """
+    of_shells = density * np.diff(edges) / ELECTRONS_PER_TECU
+    above_edge = np.concatenate((np.cumsum(of_shells[::-1])[::-1], [0.0]))
+    # Linear in each shell; a receiver below all of them has their whole content.
+    return np.interp(altitude, edges, above_edge)
 
 
 def log_density_prior(
@@ -143,7 +166,6 @@ def log_density_prior(
     """
     middle = shell_middles(edges)
     count = len(middle)
-    differences = np.diff(np.eye(count), axis=0)
     rise = np.diff(np.log(middle))
     topmost = np.flatnonzero(middle[1:] > max(altitude_high, _HIGHEST_PEAK))
     mean = np.zeros(count - 1)
@@ -155,5 +177,11 @@ def log_density_prior(
     covariance *= rise[topmost, np.newaxis] * rise[topmost]
     precision[np.ix_(topmost, topmost)] = np.linalg.inv(covariance)
     level = 1.0 / (count * _LEVEL_SIGMA**2)
-    matrix = differences.T @ precision @ differences + level * np.eye(count)
-    return matrix, differences.T @ (precision @ mean) + level * _LEVEL
+    matrix = _of_differences(_of_differences(precision).T)
+    matrix[np.diag_indices(count)] += level
+    return matrix, _of_differences(precision @ mean) + level * _LEVEL
+
+
+def _of_differences(rows: FloatArray) -> FloatArray:
+    """Return D' times rows (n - 1, ...), shape (n, ...), where D takes differences of n rows."""
+    return -np.diff(rows, axis=0, prepend=0.0, append=0.0)

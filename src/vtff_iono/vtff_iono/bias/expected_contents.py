@@ -12,9 +12,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from vtff_dynamics.compiled import compiled
+from vtff_dynamics.constants import WGS84_SEMI_MAJOR_AXIS
 from vtff_dynamics.frames.geodetic import geodetic_from_itrf
 from vtff_dynamics.vectors import FloatArray
-from vtff_iono.bias.altitude_shells import shell_middles, shell_paths, vertical_paths
+from vtff_iono.bias.altitude_shells import shell_middles, shell_paths, vertical_contents
 from vtff_iono.geometry.mapping import pierce_point, shell_height
 
 __all__ = [
@@ -23,6 +25,7 @@ __all__ = [
     "ExpectedContents",
     "HorizontalLayers",
     "Knots",
+    "compile_kernels",
     "pierce_offsets",
 ]
 
@@ -127,8 +130,7 @@ class ExpectedContents:
         altitude = geodetic_from_itrf(position_receiver_itrf)[:, 2]
         paths = shell_paths(position_receiver_itrf, direction_itrf, altitude, self.edges)
         content = paths @ self.density
-        vertical = vertical_paths(altitude, self.edges) @ self.density
-        mapping = content / vertical
+        mapping = content / vertical_contents(altitude, self.edges, self.density)
         layers = HorizontalLayers.of_rays(position_receiver_itrf, direction_itrf, altitude)
         columns = layers.columns(self.knots.weights(time), mapping)
         return content + columns @ self.vertical_tecu, mapping
@@ -186,14 +188,33 @@ class HorizontalLayers(NamedTuple):
         mapping : ndarray, shape (n,)
             Slant over vertical content of the profile.
         """
-        parts = []
-        for factor, offset in (
-            (mapping, self.offset_low),
-            (self.mapping_high, self.offset_high),
-        ):
-            level = factor[:, np.newaxis] * weights
-            parts += [level, level * offset[:, :1], level * offset[:, 1:]]
-        return np.hstack(parts)
+        columns: FloatArray = _columns_at_knots(
+            weights, mapping, self.offset_low, self.mapping_high, self.offset_high
+        )
+        return columns
+
+
+@compiled
+def _columns_at_knots(  # type: ignore[no-untyped-def]
+    weights, mapping_low, offset_low, mapping_high, offset_high
+):
+    """Return the columns that `HorizontalLayers.columns` describes, of two mappings and offsets."""
+    rows, knots = weights.shape
+    columns = np.zeros((rows, 6 * knots))
+    for row in range(rows):
+        for knot in range(knots):
+            weight = weights[row, knot]
+            # Two knots at most have a weight.
+            if weight == 0.0:
+                continue
+            low, high = mapping_low[row] * weight, mapping_high[row] * weight
+            columns[row, knot] = low
+            columns[row, knots + knot] = low * offset_low[row, 0]
+            columns[row, 2 * knots + knot] = low * offset_low[row, 1]
+            columns[row, 3 * knots + knot] = high
+            columns[row, 4 * knots + knot] = high * offset_high[row, 0]
+            columns[row, 5 * knots + knot] = high * offset_high[row, 1]
+    return columns
 
 
 def pierce_offsets(
@@ -216,9 +237,18 @@ def pierce_offsets(
 def _horizontal_offsets(receiver: FloatArray, point: FloatArray) -> FloatArray:
     """Return the offsets of points (n, 3) from receivers to the east and north, 1000 km, (n, 2)."""
     offset = (point - receiver) / GRADIENT_UNIT
-    east = np.cross([0.0, 0.0, 1.0], receiver)
-    east /= np.linalg.norm(east, axis=-1, keepdims=True)
-    north = np.cross(receiver, east)
-    north /= np.linalg.norm(north, axis=-1, keepdims=True)
-    columns = (offset * east).sum(axis=-1), (offset * north).sum(axis=-1)
+    radius = np.hypot(receiver[:, 0], receiver[:, 1])
+    # Unit vectors to the east and to the north, the latter at right angles to the receiver.
+    east = np.stack((-receiver[:, 1], receiver[:, 0]), axis=-1) / radius[:, np.newaxis]
+    inward = -receiver[:, 2] / radius
+    north = np.stack((inward * receiver[:, 0], inward * receiver[:, 1], radius), axis=-1)
+    north /= np.linalg.norm(receiver, axis=-1, keepdims=True)
+    columns = (offset[:, :2] * east).sum(axis=-1), (offset * north).sum(axis=-1)
     return np.asarray(np.stack(columns, axis=-1))
+
+
+def compile_kernels() -> None:
+    """Compile the paths through shells and the columns of horizontal structure."""
+    one, offset, ray = np.ones(1), np.zeros((1, 2)), np.array([[WGS84_SEMI_MAJOR_AXIS, 0.0, 0.0]])
+    shell_paths(ray, ray / WGS84_SEMI_MAJOR_AXIS, 0.0 * one, np.array([0.0, 1.0]))
+    HorizontalLayers(offset, offset, one).columns(np.ones((1, 1)), one)

@@ -64,7 +64,7 @@ from vtff_iono.bias.altitude_shells import (
     shell_edges,
     shell_middles,
     shell_paths,
-    vertical_paths,
+    vertical_contents,
 )
 from vtff_iono.bias.arc_noise import ArcNoise, ArcOrder, Whitening, estimate_noise
 from vtff_iono.bias.bias_samples import DECIMALS_TECU, BiasSamples
@@ -357,7 +357,7 @@ def _solve(
     ).continued_below()
     return ProfileBiases(
         bias_tecu=np.array([model.effects[problem.groups] for model in models]),
-        sigma_tecu=np.sqrt([model.effect_variance[problem.groups] for model in models]),
+        sigma_tecu=np.sqrt([model.shared_variance[problem.groups] for model in models]),
         altitude=shell_middles(problem.edges),
         density=np.exp(first.log_density),
         noise_tecu=math.hypot(noise.white, noise.slow),
@@ -417,9 +417,9 @@ class _Problem:
     """Samples, and the columns of the unknowns: shells, then effects.
 
     The effects are, in this order: vertical content, its gradients to the east and to the north at
-    the knots, in the lower and in the higher layer; their six means; the part of the wind-up; what
-    is particular to each arc; biases of the groups; errors of the levels of arcs; errors of the
-    satellite biases of the links.
+    the knots, in the lower and in the higher layer; their six means; the part of the wind-up;
+    biases of the groups; errors of the satellite biases of the links; what is particular to each
+    arc; errors of the levels of arcs.
     """
 
     def __init__(self, samples: BiasSamples, altitude: FloatArray, groups: int) -> None:
@@ -432,7 +432,7 @@ class _Problem:
         self._paths = shell_paths(
             samples.position_receiver_itrf, samples.direction_itrf, altitude, self.edges
         )
-        self._vertical_paths = vertical_paths(altitude, self.edges)
+        self._altitude = altitude
         self.knots = Knots.over(samples.time)
         self._knot_weights = self.knots.weights(samples.time)
         rays = samples.position_receiver_itrf, samples.direction_itrf, altitude
@@ -448,13 +448,13 @@ class _Problem:
         self._level_variance[arc] = np.maximum(
             samples.stec_sigma_tecu**2 - stated**2, _LEVEL_SIGMA_LEAST**2
         )
-        numbers: list[IntArray] = [arc, samples.group, arc]
+        link = np.zeros((len(arc), 0), dtype=np.int64)
         if samples.link is not None:
-            numbers.append(np.unique(samples.link, return_inverse=True)[1])
+            link = np.unique(samples.link, return_inverse=True)[1][:, np.newaxis]
+        arcs = len(self.arc_numbers)
         # Ends of the columns of each kind of effect.
-        counts = [6 * self.knots.number + 7, *(int(number.max()) + 1 for number in numbers)]
-        counts[2] = groups
-        ends = np.cumsum(counts).tolist()
+        links = int(link.max()) + 1 if link.size else 0
+        ends = np.cumsum([6 * self.knots.number + 7, groups, links, arcs, arcs]).tolist()
         # The vertical contents and the gradients of each layer.
         edges = self.knots.number * np.array([[0, 1, 3], [3, 4, 6]])
         self.verticals, self.gradients = (
@@ -464,13 +464,16 @@ class _Problem:
         self.means = tuple(
             slice(mean + begin, mean + end) for begin, end in ((0, 1), (1, 3), (3, 4), (4, 6))
         )
-        self.arcs, self.groups, self.levels = (slice(*ends[k : k + 2]) for k in range(3))
-        self.links = slice(ends[3], ends[-1])
-        # Columns with one element in each row, which follow those of the knots.
-        self._column = np.stack(numbers, axis=-1) + np.array([0, *ends[1:-1]])
-        self._column[:, 1:] -= ends[0]
+        self.groups, self.links, self.arcs, self.levels = (
+            slice(*ends[k : k + 2]) for k in range(4)
+        )
+        self.effects = ends[-1]
+        # Columns with one element in each row, which follow those of the knots: of the group, the
+        # link, and what is particular to an arc and its level.
+        constant = np.column_stack((samples.group, link + groups, arc + ends[3] - ends[0]))
+        self._column = np.insert(constant, -1, arc + ends[2] - ends[0], axis=1)
         self._columns = ends[-1] - ends[0]
-        self._column_of_arc = self._column[first_of_arc, 1:] + ends[0]
+        self._column_of_arc = constant[first_of_arc] + ends[0]
         self._arc = arc
         self._wind_up = np.zeros(len(self.stec))
         if samples.wind_up_tecu is not None:
@@ -504,7 +507,7 @@ class _Problem:
 
     def _precision(self, sigmas: _Sigmas) -> FloatArray:
         """Return one over the variances of the effects."""
-        precision = np.full(self.links.stop, 1.0 / _GROUP_SIGMA**2)
+        precision = np.full(self.effects, 1.0 / _GROUP_SIGMA**2)
         for layer in range(2):
             precision[self.verticals[layer]] = 1.0 / sigmas.vertical[layer] ** 2
             precision[self.gradients[layer]] = 1.0 / sigmas.gradient[layer] ** 2
@@ -543,13 +546,15 @@ class _Problem:
 
         `shell_altitude` is that of the higher layer, m.
         """
-        content = self._paths @ np.exp(log_density)
-        mapping = content / (self._vertical_paths @ np.exp(log_density))
+        density = np.exp(log_density)
+        content = self._paths @ density
+        mapping = content / vertical_contents(self._altitude, self.edges, density)
         values = np.ones(self._column.shape)
-        values[:, 0] = content
+        values[:, -2] = content
         single = SingleColumns(self._column, values, self._columns)
         at_knots = self._layers[shell_altitude].columns(self._knot_weights, mapping)
-        mean = at_knots.reshape(len(content), 6, -1).sum(axis=2)
+        # The means are the same at all knots, whose weights have the sum one.
+        mean = np.add.reduceat(at_knots, np.arange(0, 6 * self.knots.number, self.knots.number), 1)
         return _EffectColumns(np.hstack((at_knots, mean, self._wind_up[:, np.newaxis])), single)
 
     def whitened(self, noise: ArcNoise, weight: FloatArray) -> _WhitenedSamples:
@@ -565,29 +570,50 @@ class _Problem:
         common = whiten(columns.common)
         # All samples of an arc have their elements in the same columns.
         single = columns.single._replace(value=whiten(columns.single.value))
-        mixed = single.times_rows(common)
-        of_stec = single.times_rows(stec[:, np.newaxis])[:, 0]
+        knots, shared, arcs = common.shape[1], self.links.stop, len(self.arc_numbers)
+        # Shared effects of which a sample has one of each kind; the rest is of arcs.
+        some = shared - knots
+        squares, by_knots = single.squares(), single.times_rows(common)
+        by_paths, by_stec = single.times_rows(paths), single.times_rows(stec[:, np.newaxis])
+        joint = np.empty((shared + paths.shape[1] + 1,) * 2)
+        joint[:knots, :knots] = common.T @ common
+        joint[knots:shared, :knots] = by_knots[:some]
+        joint[knots:shared, knots:shared] = squares[:some, :some]
+        joint[shared:-1, :knots] = paths.T @ common
+        joint[shared:-1, knots:shared] = by_paths[:some].T
+        joint[shared:-1, shared:-1] = samples.density
+        joint[-1, :knots] = stec @ common
+        joint[-1, knots:shared] = by_stec[:some, 0]
+        joint[-1, shared:-1] = samples.density_vector
+        joint[-1, -1] = stec @ stec
+        for first, end in ((0, knots), (knots, shared), (shared, len(joint) - 1)):
+            joint[first:end, end:] = joint[end:, first:end].T
+        of_arcs = np.hstack(
+            (by_knots[some:], squares[some:, :some], by_paths[some:], by_stec[some:])
+        )
+        content, level = slice(some, some + arcs), slice(some + arcs, None)
+        pairs = (content, content), (content, level), (level, level)
         return NormalEquations(
-            density=samples.density,
-            effects=np.block([[common.T @ common, mixed.T], [mixed, single.squares()]]),
-            mixed=np.vstack((common.T @ paths, single.times_rows(paths))),
-            density_vector=samples.density_vector,
-            effects_vector=np.concatenate((common.T @ stec, of_stec)),
+            shared,
+            joint,
+            np.array([np.diag(squares[pair]) for pair in pairs]),
+            of_arcs.reshape(2, arcs, -1),
         )
 
     def residual(self, solution: ProfileSolution, columns: _EffectColumns) -> FloatArray:
         """Return observed minus explained contents, TECU; the columns are of its densities."""
         common, single = columns
         explained = self._paths @ np.exp(solution.log_density)
-        explained += common @ solution.effects[: self.arcs.start]
-        return self.stec - explained - single.times(solution.effects[self.arcs.start :])
+        knots = common.shape[1]
+        explained += common @ solution.effects[:knots]
+        return self.stec - explained - single.times(solution.effects[knots:])
 
     def offsets(self, solution: ProfileSolution) -> tuple[FloatArray, FloatArray]:
         """Return the offsets of the arcs, TECU, and their variances, shape (arcs,).
 
         The variances are those of offset and wind-up at the last sample of an arc.
         """
-        columns = np.zeros((len(self.arc_numbers), self.links.stop))
+        columns = np.zeros((len(self.arc_numbers), self.effects))
         np.put_along_axis(columns, self._column_of_arc, 1.0, axis=1)
         offsets = columns @ solution.effects
         columns[:, self.wind_up] = self._last_wind_up
@@ -597,7 +623,7 @@ class _Problem:
     def gradient_sigma(self, solution: ProfileSolution) -> FloatArray:
         """Return the roots of the expected squares of gradients to east and north, TECU/m, (2,)."""
         squares = self.at_knots(solution.effects) ** 2
-        squares += self.at_knots(solution.effect_variance)
+        squares += self.at_knots(solution.shared_variance)
         of_direction = np.sum(
             [squares[of_layer].reshape(2, self.knots.number) for of_layer in self.gradients], axis=0
         )
