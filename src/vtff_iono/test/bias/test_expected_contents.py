@@ -19,8 +19,12 @@ def test_columns_are_products_of_weights_mappings_and_offsets():
     for mapping, offset in ((mapping_low, low), (mapping_high, high)):
         level = mapping[:, None] * weights
         expected += [level, level * offset[:, :1], level * offset[:, 1:]]
-    found = HorizontalLayers(low, high, mapping_high).columns(weights, mapping_low)
-    assert found == pytest.approx(np.hstack(expected), rel=1e-12)
+    layers = HorizontalLayers(low, high, mapping_high)
+    found = layers.columns(weights, mapping_low, 2)
+    assert found[:, :-2] == pytest.approx(np.hstack(expected), rel=1e-12)
+    assert (found[:, -2:] == 0.0).all()
+    sums = np.stack([column.sum(axis=1) for column in expected], axis=-1)
+    assert layers.means(mapping_low) == pytest.approx(sums, rel=1e-12, abs=1e-15)
 
 
 def test_offsets_are_components_to_the_east_and_to_the_north():

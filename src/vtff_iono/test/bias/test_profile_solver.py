@@ -103,8 +103,7 @@ def test_effects_of_arcs_are_those_of_a_full_matrix():
     assert found.effects == pytest.approx(expected.effects, rel=1e-9)
     assert found.effect_variance == pytest.approx(expected.effect_variance, rel=1e-9)
     assert found.shared_variance == pytest.approx(expected.effect_variance[:shared], rel=1e-9)
-    functions = (
-        GENERATOR.standard_normal((5, SHELLS)),
-        GENERATOR.standard_normal((5, len(precision))),
-    )
-    assert found.variance(*functions) == pytest.approx(expected.variance(*functions), rel=1e-9)
+    functions = GENERATOR.standard_normal((5, len(precision)))
+    assert found.variance(functions) == pytest.approx(expected.variance(functions), rel=1e-9)
+    one_each = found.variance(np.eye(len(precision)))
+    assert one_each == pytest.approx(found.effect_variance, rel=1e-9)

@@ -177,11 +177,13 @@ def log_density_prior(
     covariance *= rise[topmost, np.newaxis] * rise[topmost]
     precision[np.ix_(topmost, topmost)] = np.linalg.inv(covariance)
     level = 1.0 / (count * _LEVEL_SIGMA**2)
-    matrix = _of_differences(_of_differences(precision).T)
-    matrix[np.diag_indices(count)] += level
-    return matrix, _of_differences(precision @ mean) + level * _LEVEL
-
-
-def _of_differences(rows: FloatArray) -> FloatArray:
-    """Return D' times rows (n - 1, ...), shape (n, ...), where D takes differences of n rows."""
-    return -np.diff(rows, axis=0, prepend=0.0, append=0.0)
+    # D' Q D and D' Q times the mean, where D takes the differences of neighbours.
+    matrix, vector = level * np.eye(count), np.full(count, level * _LEVEL)
+    matrix[1:, 1:] += precision
+    matrix[:-1, :-1] += precision
+    matrix[1:, :-1] -= precision
+    matrix[:-1, 1:] -= precision
+    of_mean = precision @ mean
+    vector[1:] += of_mean
+    vector[:-1] -= of_mean
+    return matrix, vector

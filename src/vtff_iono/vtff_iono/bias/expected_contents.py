@@ -166,17 +166,26 @@ class HorizontalLayers(NamedTuple):
 
         `shell_altitude` is that of the higher layer, m; it is 100 km above a higher receiver.
         """
+        offset_low = pierce_offsets(position_receiver_itrf, direction_itrf, altitude)
+        layers = cls(offset_low, np.zeros((0, 2)), np.zeros(0))
+        return layers.with_shell(position_receiver_itrf, direction_itrf, altitude, shell_altitude)
+
+    def with_shell(
+        self,
+        position_receiver_itrf: FloatArray,
+        direction_itrf: FloatArray,
+        altitude: FloatArray,
+        shell_altitude: float,
+    ) -> HorizontalLayers:
+        """Return the layers of the same rays with another higher one, as `of_rays`."""
         shell = np.maximum(shell_altitude, altitude + _HIGH_SHELL_ABOVE)
         point = pierce_point(position_receiver_itrf, direction_itrf, shell)
         cosine = np.sum(point * direction_itrf, axis=-1) / np.linalg.norm(point, axis=-1)
-        return cls(
-            pierce_offsets(position_receiver_itrf, direction_itrf, altitude),
-            _horizontal_offsets(position_receiver_itrf, point),
-            1.0 / cosine,
-        )
+        offset_high = _horizontal_offsets(position_receiver_itrf, point)
+        return HorizontalLayers(self.offset_low, offset_high, 1.0 / cosine)
 
-    def columns(self, weights: FloatArray, mapping: FloatArray) -> FloatArray:
-        """Return the contents of unit departures, shape (n, 6 knots).
+    def columns(self, weights: FloatArray, mapping: FloatArray, more: int = 0) -> FloatArray:
+        """Return the contents of unit departures, shape (n, 6 knots + more).
 
         They are, at each knot, of the lower layer the vertical content and its gradients to the
         east and to the north, then those of the higher layer.
@@ -187,20 +196,32 @@ class HorizontalLayers(NamedTuple):
             Weights of the knots, see `Knots.weights`.
         mapping : ndarray, shape (n,)
             Slant over vertical content of the profile.
+        more : int
+            Number of columns of zeros that follow, for effects that have no knots.
         """
         columns: FloatArray = _columns_at_knots(
-            weights, mapping, self.offset_low, self.mapping_high, self.offset_high
+            weights, mapping, self.offset_low, self.mapping_high, self.offset_high, more
         )
         return columns
+
+    def means(self, mapping: FloatArray) -> FloatArray:
+        """Return the contents of departures that are the same at all knots, shape (n, 6).
+
+        They are the sums of `columns` over the knots, whose weights have the sum one.
+        """
+        parts = []
+        for factor, offset in ((mapping, self.offset_low), (self.mapping_high, self.offset_high)):
+            parts += [factor, factor * offset[:, 0], factor * offset[:, 1]]
+        return np.stack(parts, axis=-1)
 
 
 @compiled
 def _columns_at_knots(  # type: ignore[no-untyped-def]
-    weights, mapping_low, offset_low, mapping_high, offset_high
+    weights, mapping_low, offset_low, mapping_high, offset_high, more
 ):
     """Return the columns that `HorizontalLayers.columns` describes, of two mappings and offsets."""
     rows, knots = weights.shape
-    columns = np.zeros((rows, 6 * knots))
+    columns = np.zeros((rows, 6 * knots + more))
     for row in range(rows):
         for knot in range(knots):
             weight = weights[row, knot]

@@ -51,7 +51,7 @@ Huber (1964), Ann. Math. Stat. 35, 73 (weights of outliers).
 from __future__ import annotations
 
 import math
-from dataclasses import astuple, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -148,6 +148,11 @@ class _Sigmas:
     mean: tuple[float, ...]
     arc: float
     level_factor: float
+
+    def logarithms(self) -> FloatArray:
+        """Return the natural logarithms of all sigmas, shape (11,)."""
+        of_layers = *self.vertical, *self.gradient, *self.mean
+        return np.log((self.satellite, *of_layers, self.arc, self.level_factor))
 
 
 class SearchState(NamedTuple):
@@ -436,7 +441,8 @@ class _Problem:
         self.knots = Knots.over(samples.time)
         self._knot_weights = self.knots.weights(samples.time)
         rays = samples.position_receiver_itrf, samples.direction_itrf, altitude
-        self._layers = {shell: HorizontalLayers.of_rays(*rays, shell) for _, shell in _MODELS}
+        layers = HorizontalLayers.of_rays(*rays)
+        self._layers = {shell: layers.with_shell(*rays, shell) for _, shell in _MODELS}
         self.arc_numbers, first_of_arc, arc = np.unique(
             samples.arc, return_index=True, return_inverse=True
         )
@@ -552,10 +558,11 @@ class _Problem:
         values = np.ones(self._column.shape)
         values[:, -2] = content
         single = SingleColumns(self._column, values, self._columns)
-        at_knots = self._layers[shell_altitude].columns(self._knot_weights, mapping)
-        # The means are the same at all knots, whose weights have the sum one.
-        mean = np.add.reduceat(at_knots, np.arange(0, 6 * self.knots.number, self.knots.number), 1)
-        return _EffectColumns(np.hstack((at_knots, mean, self._wind_up[:, np.newaxis])), single)
+        layers = self._layers[shell_altitude]
+        common = layers.columns(self._knot_weights, mapping, 7)
+        common[:, -7:-1] = layers.means(mapping)
+        common[:, -1] = self._wind_up
+        return _EffectColumns(common, single)
 
     def whitened(self, noise: ArcNoise, weight: FloatArray) -> _WhitenedSamples:
         """Return the samples with a noise; `weight`, shape (n,), is that of `Whitening.of`."""
@@ -617,8 +624,7 @@ class _Problem:
         np.put_along_axis(columns, self._column_of_arc, 1.0, axis=1)
         offsets = columns @ solution.effects
         columns[:, self.wind_up] = self._last_wind_up
-        no_density = np.zeros((len(columns), len(solution.log_density)))
-        return offsets, solution.variance(no_density, columns)
+        return offsets, solution.variance(columns)
 
     def gradient_sigma(self, solution: ProfileSolution) -> FloatArray:
         """Return the roots of the expected squares of gradients to east and north, TECU/m, (2,)."""
@@ -656,7 +662,6 @@ def _estimate_sigmas(
         solution = problem.solve(normal, _MODELS[0][0], sigmas, solution.log_density)
         second_moment = solution.effects**2 + solution.effect_variance
         previous, sigmas = sigmas, problem.sigmas(second_moment, sigmas)
-        ratio = np.hstack(astuple(sigmas)) / np.hstack(astuple(previous))
-        if np.abs(np.log(ratio)).max() < _SIGMA_CONVERGED:
+        if np.abs(sigmas.logarithms() - previous.logarithms()).max() < _SIGMA_CONVERGED:
             break
     return solution, sigmas

@@ -154,21 +154,16 @@ class ProfileSolution:
 
     @functools.cached_property
     def _shared_per_log_density(self) -> FloatArray:
-        """The rows of shared effects in `effects_per_log_density`, shape (r, n)."""
+        """Decrease of shared effects where the logarithm of a density increases by one, (r, n)."""
         return np.asarray(self._shared_inverse @ self.shared_rows * np.exp(self.log_density))
 
     @functools.cached_property
     def _arcs_per_log_density(self) -> FloatArray:
-        """The rows of effects of arcs in `effects_per_log_density`, shape (2 arcs, n)."""
+        """Decrease of effects of arcs where a logarithm increases by one, shape (2 arcs, n)."""
         shared = len(self.shared_factor)
         rows = self.arc_rows[:, shared:] * np.exp(self.log_density)
         rows -= self.arc_rows[:, :shared] @ self._shared_per_log_density
         return _over_arcs(self.arc_factors.solve_upper, rows)
-
-    @property
-    def effects_per_log_density(self) -> FloatArray:
-        """Decrease of the effects where the logarithm of a density increases by one, (m, n)."""
-        return np.concatenate((self._shared_per_log_density, self._arcs_per_log_density))
 
     @functools.cached_property
     def shared_variance(self) -> FloatArray:
@@ -187,10 +182,11 @@ class ProfileSolution:
         variance += self._density_variance(self._arcs_per_log_density)
         return np.concatenate((self.shared_variance, variance))
 
-    def variance(self, per_log_density: FloatArray, per_effect: FloatArray) -> FloatArray:
-        """Return the variances of k linear functions of logarithms (k, n) and effects (k, m)."""
+    def variance(self, per_effect: FloatArray) -> FloatArray:
+        """Return the variances of k linear functions of effects (k, m), shape (k,)."""
         shared = len(self.shared_factor)
-        by_density = per_log_density - per_effect @ self.effects_per_log_density
+        by_density = per_effect[:, :shared] @ self._shared_per_log_density
+        by_density += per_effect[:, shared:] @ self._arcs_per_log_density
         of_arcs = _over_arcs(self.arc_factors.solve_lower, per_effect[:, shared:].T)
         of_shared = per_effect[:, :shared].T - self.arc_rows[:, :shared].T @ of_arcs
         of_shared = _solve_transposed(self.shared_factor, of_shared)

@@ -211,7 +211,8 @@ def estimate_receiver_biases(
     interval = min(interval, max(_SHORTEST_INTERVAL, duration / _FEWEST_INTERVALS))
     block = min(block, max(interval, duration / _FEWEST_BLOCKS))
     usable = np.isfinite(samples.stec_tecu) & np.isfinite(samples.stec_sigma_tecu)
-    all_elevations = samples.select(usable & _first_of_interval(samples.time, usable, interval))
+    chosen = usable & _first_of_interval(samples.time, usable, interval)
+    all_elevations, altitude_of_all = samples.select(chosen), altitude[chosen]
     usable &= samples.elevation >= math.radians(min(_ELEVATIONS_DEG))
     chosen = usable & _first_of_interval(samples.time, usable, interval)
     samples, altitude = samples.select(chosen), altitude[chosen]
@@ -229,8 +230,8 @@ def estimate_receiver_biases(
     # Imported here: sparse matrices of scipy take a while, and a receiver at rest has no profile.
     from vtff_iono.bias.profile_bias import profile_biases
 
-    altitude = geodetic_from_itrf(all_elevations.position_receiver_itrf)[..., 2]
-    profile = profile_biases(all_elevations, altitude, None if before is None else before.search)
+    search = None if before is None else before.search
+    profile = profile_biases(all_elevations, altitude_of_all, search)
     biases = _combine_models(
         samples, profile.bias_tecu, profile.sigma_tecu, count_pairs(samples.time)
     )
