@@ -27,14 +27,6 @@ BIAS_SAMPLE_INTERVAL = 20 * NANOSECONDS_PER_SECOND
 _USABLE = np.uint16(Rejection.CODE_OUTLIER | Rejection.CODE_INVALID | Rejection.NO_RECEIVER_BIAS)
 
 
-class _ArcLevel(NamedTuple):
-    """Level of an arc and its sigma, and the sigma of the satellite bias in it, TECU."""
-
-    level: float
-    sigma: float
-    satellite_sigma: float
-
-
 class _SampleEpoch(NamedTuple):
     """Samples of one epoch; arrays of shape (n,) and (n, 3)."""
 
@@ -71,7 +63,8 @@ class BiasSampleWindow:
     def __init__(self, length: float) -> None:
         self._length = round(length * NANOSECONDS_PER_SECOND)
         self._epochs: deque[_SampleEpoch] = deque()
-        self._levels: dict[tuple[int, int], _ArcLevel] = {}
+        # By link and arc: the level and its sigma, and the sigma of the satellite bias in it, TECU.
+        self._levels: dict[tuple[int, int], tuple[float, float, float]] = {}
 
     def __len__(self) -> int:
         """Return the number of samples."""
@@ -109,16 +102,14 @@ class BiasSampleWindow:
         stec = rows.stec_tecu[first:end]
         good = (rows.rejected[first:end] & ~_USABLE) == 0
         chosen = first + np.flatnonzero(good & np.isfinite(stec))
+        arcs = zip(rows.pairs.link[chosen].tolist(), rows.arc[chosen].tolist(), strict=True)
         levels = zip(
-            rows.pairs.link[chosen].tolist(),
-            rows.arc[chosen].tolist(),
             (rows.stec_tecu[chosen] - rows.stec_phase_tecu[chosen]).tolist(),
             rows.stec_sigma_tecu[chosen].tolist(),
             rows.satellite_bias_sigma_tecu[chosen].tolist(),
             strict=True,
         )
-        for link, arc, level, sigma, satellite_sigma in levels:
-            self._levels[link, arc] = _ArcLevel(level, sigma, satellite_sigma)
+        self._levels.update(zip(arcs, levels, strict=True))
         if time % BIAS_SAMPLE_INTERVAL == 0:
             if len(chosen):
                 observation = rows.pairs.row_first[chosen]
@@ -138,7 +129,7 @@ class BiasSampleWindow:
 
     def levels(self) -> list[tuple[tuple[int, int], float]]:
         """Return link and arc, and the level (TECU), of the arcs by their numbers in samples."""
-        return [(arc, self._levels[arc].level) for arc in sorted(self._levels)]
+        return [(arc, self._levels[arc][0]) for arc in sorted(self._levels)]
 
     def _forget_older_than(self, time: int) -> None:
         """Forget the samples before a time (ns) and the levels of arcs that have no sample left."""
