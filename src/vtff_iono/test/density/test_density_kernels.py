@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from vtff_dynamics.compiled import count_compiled_forms
-from vtff_iono.density import electron_density, kernels
-from vtff_iono.density.kernels import COMMON, DENSITY
+from vtff_iono.density import electron_density
+from vtff_iono.density.filter import kernels
+from vtff_iono.density.filter.kernels import COMMON, DENSITY
 
 
 def draw_filter(seed, satellites=9, known=7):
@@ -167,7 +168,7 @@ def test_nothing_is_compiled_after_the_start():
     """Compiling takes seconds, for which a node in real time would be late."""
     electron_density.compile_kernels()
     before = count_compiled_forms()
-    assert "vtff_iono.density.kernels.correct" in before
+    assert "vtff_iono.density.filter.kernels.correct" in before
     assert len(before) >= 8, before
     estimator = electron_density.ElectronDensityEstimator()
     elevation = np.radians([15.0, 30.0, 45.0, 60.0, 70.0, 80.0])

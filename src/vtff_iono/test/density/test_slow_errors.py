@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from vtff_iono.density.kernels import scale_of_learned
-from vtff_iono.density.slow_errors import SlowErrors
+from vtff_iono.density.filter.kernels import scale_of_learned
+from vtff_iono.density.filter.slow_errors import SlowErrors
 
 SATELLITES, TIME = 9, 100.0
 

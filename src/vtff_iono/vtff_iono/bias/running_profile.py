@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from vtff_dynamics.compiled import compiled
 from vtff_dynamics.constants import WGS84_SEMI_MAJOR_AXIS
@@ -17,9 +17,13 @@ __all__ = [
     "PEAK_UNIT",
     "SHAPE",
     "SIZE",
+    "ProfileTable",
     "RunningProfile",
+    "absorb_density",
     "mean_between",
     "means_of_samples",
+    "move_constant",
+    "reshape_and_resize",
 ]
 
 PEAK_UNIT = 100e3
@@ -43,6 +47,30 @@ _SMALLEST_SHAPE, _LARGEST_SHAPE = (15e3, 15e3, 200e3), (150e3, 200e3, 600e3)
 _SMALLEST_SEPARATION = 1.0
 
 
+class ProfileTable(NamedTuple):
+    """The arrays of a `RunningProfile`, which compiled functions change in place.
+
+    Attributes
+    ----------
+    altitude : ndarray, shape (n,)
+        m, increasing.
+    densities : ndarray, shape (6, n)
+        As in `RunningProfile.densities`.
+    weight : ndarray, shape (n,)
+        Sum of one over the variances of what was measured, zero where nothing was.
+    shape : ndarray, shape (3,)
+        Scale heights of the model below and above its peak, and altitude of the peak, m.
+    scale : ndarray, shape (1,)
+        Factor of the model, electrons per cubic metre.
+    """
+
+    altitude: FloatArray
+    densities: FloatArray
+    weight: FloatArray
+    shape: FloatArray
+    scale: FloatArray
+
+
 class RunningProfile:
     """Electron density against altitude: measured where the orbit has been, modelled elsewhere.
 
@@ -60,10 +88,7 @@ class RunningProfile:
 
     Attributes
     ----------
-    altitude : ndarray, shape (n,)
-        Altitudes of the table, m, increasing.
-    density : ndarray, shape (n,)
-        Density at these altitudes, electrons per cubic metre.
+    table : ProfileTable
     """
 
     def __init__(
@@ -72,32 +97,31 @@ class RunningProfile:
         scale_height_bottom: float = 55e3,
         scale_height_top: float = 65e3,
     ) -> None:
-        self.altitude: FloatArray = np.concatenate(
+        altitude = np.concatenate(
             (
                 np.arange(_LOWEST, _DENSE_TOP, _STEP),
                 np.arange(_DENSE_TOP, _HIGHEST + _TOP_STEP, _TOP_STEP),
             )
         )
-        self._shape = np.array([scale_height_bottom, scale_height_top, peak_altitude])
-        # The row of the shape that is the scale height of each altitude, the distance of the
-        # altitude from the peak in that height, and the exponential of the negative distance.
-        self._layer: tuple[npt.NDArray[np.int64], FloatArray, FloatArray]
-        self._layer = _distances_from_peak(self.altitude, self._shape)
-        self._weight = np.zeros(len(self.altitude))
-        self._scale = 1.0
-        self.density: FloatArray = self._with_model(np.zeros(len(self.altitude)))
-        self._scale = _CONTENT_TECU / self.content_above(_LOWEST)
-        self.density = self._with_model(self.density)
-        # By how much what was measured is more where the constant is more by 1 TECU, 1/m3.
-        self._per_constant = np.zeros(len(self.altitude))
-        # `densities`, and the density that they are of.
-        self._densities = np.zeros((0, len(self.altitude)))
-        self._described: FloatArray | None = None
+        self.table = ProfileTable(
+            altitude,
+            np.zeros((CONSTANT + 1, len(altitude))),
+            np.zeros(len(altitude)),
+            np.array([scale_height_bottom, scale_height_top, peak_altitude]),
+            np.ones(1),
+        )
+        self.resize(1.0)
+        self.resize(_CONTENT_TECU / self.content_above(_LOWEST))
 
-    def _with_model(self, density: FloatArray) -> FloatArray:
-        """Return a density (n,) with that of the model where none was measured."""
-        completed: FloatArray = _with_layer(density, self._weight, *self._layer[1:], self._scale)
-        return completed
+    @property
+    def altitude(self) -> FloatArray:
+        """Altitudes of the table, m, increasing, shape (n,)."""
+        return self.table.altitude
+
+    @property
+    def density(self) -> FloatArray:
+        """Density at these altitudes, electrons per cubic metre, (n,); it changes in place."""
+        return np.asarray(self.table.densities[0])
 
     def densities(self) -> FloatArray:
         """Return the density and its derivatives, shape (6, n).
@@ -107,13 +131,7 @@ class RunningProfile:
         measured, and to the constant of the contents that were measured, TECU (`CONSTANT`), zero
         elsewhere.
         """
-        # Each change makes another array of the density.
-        if self._described is not self.density:
-            self._densities = _with_derivatives(
-                self.density, self._weight, *self._layer, self._shape, self._per_constant
-            )
-            self._described = self.density
-        return self._densities
+        return np.array(self.table.densities)
 
     def reshape(self, change: FloatArray) -> None:
         """Change the shape of the model.
@@ -124,9 +142,7 @@ class RunningProfile:
             Changes of the logarithms of the scale heights below and above the peak, and of the
             altitude of the peak in units of `PEAK_UNIT`.
         """
-        self._shape = _changed_shape(self._shape, np.exp(change[:2]), change[2])
-        self._layer = _distances_from_peak(self.altitude, self._shape)
-        self.density = self._with_model(self.density)
+        reshape_and_resize(self.table, change, 1.0)
 
     def content_above(self, altitude: float) -> float:
         """Return the vertical content above an altitude (m), TECU."""
@@ -140,13 +156,11 @@ class RunningProfile:
 
     def resize(self, factor: float) -> None:
         """Multiply the modelled densities by a factor."""
-        self._scale *= factor
-        self.density = np.where(self._weight > 0.0, self.density, self.density * factor)
+        reshape_and_resize(self.table, np.zeros(3), factor)
 
     def move_constant(self, change: float) -> None:
         """Correct what was measured: the constant is more by a change, TECU, than was believed."""
-        if change != 0.0:
-            self.density = np.maximum(self.density + change * self._per_constant, 0.0)
+        move_constant(self.table, change)
 
     def loosen_constant(self, part: float) -> None:
         """Let only a part of what the constant proves to be off be so since the measurements.
@@ -154,8 +168,7 @@ class RunningProfile:
         The part is that of the variance of the constant before it has drifted; it is zero where
         another constant takes its place.
         """
-        self._per_constant *= part
-        self._described = None
+        self.table.densities[CONSTANT] *= part
 
     def absorb(
         self,
@@ -177,92 +190,67 @@ class RunningProfile:
             By how much the density is more where the constant of the contents is more, electrons
             per cubic metre and TECU.
         """
-        low, high = sorted((altitude_first, altitude_second))
-        middle, half_width = 0.5 * (low + high), 0.5 * max(high - low, _STEP)
-        between = slice(
-            np.searchsorted(self.altitude, middle - half_width),
-            np.searchsorted(self.altitude, middle + half_width, "right"),
-        )
-        sample_weight = 1.0 / sigma**2
-        weight = np.minimum(self._weight[between], _MEMORY_SAMPLES * sample_weight)
-        weight = weight + sample_weight
-        change = max(density, 0.0) - self.density[between]
-        self.density = self.density.copy()
-        self.density[between] += sample_weight / weight * change
-        change_per_constant = per_constant - self._per_constant[between]
-        self._per_constant[between] += sample_weight / weight * change_per_constant
-        self._weight[between] = weight
+        absorb_density(self.table, altitude_first, altitude_second, density, sigma, per_constant)
 
 
 @compiled
-def _distances_from_peak(altitude, shape):  # type: ignore[no-untyped-def]
-    """Return how far altitudes (n,), m, are from the peak of a layer of a shape, and what follows.
-
-    `shape` holds the scale heights below and above the peak, and its altitude, m. Returned are of
-    each altitude the row of its scale height in the shape, the distance from the peak, positive
-    above it, in that height, and the exponential of the negative distance.
-    """
-    side = np.empty(len(altitude), dtype=np.int64)
-    distance, exponential = np.empty(len(altitude)), np.empty(len(altitude))
-    for row in range(len(altitude)):
-        side[row] = 0 if altitude[row] < shape[2] else 1
-        distance[row] = (altitude[row] - shape[2]) / shape[side[row]]
-        exponential[row] = math.exp(-distance[row])
-    return side, distance, exponential
-
-
-@compiled
-def _changed_shape(shape, factor, change):  # type: ignore[no-untyped-def]
-    """Return a shape within its limits, (3,), whose heights are multiplied by factors (2,)."""
-    changed = np.empty(3)
-    for place in range(2):
-        changed[place] = shape[place] * factor[place]
-    changed[2] = shape[2] + PEAK_UNIT * change
-    for place in range(3):
-        if changed[place] < _SMALLEST_SHAPE[place]:
-            changed[place] = _SMALLEST_SHAPE[place]
-        elif changed[place] > _LARGEST_SHAPE[place]:
-            changed[place] = _LARGEST_SHAPE[place]
-    return changed
-
-
-@compiled
-def _with_layer(density, weight, distance, exponential, scale):  # type: ignore[no-untyped-def]
-    """Return densities (n,), those of a layer of a size where none was measured.
-
-    `distance` and `exponential` are those of `_distances_from_peak`.
-    """
-    result = np.empty(len(density))
+def move_constant(table, change):  # type: ignore[no-untyped-def]
+    """Correct what a table has measured; arguments as in `RunningProfile.move_constant`."""
+    density, per_constant = table.densities[0], table.densities[CONSTANT]
     for row in range(len(density)):
-        if weight[row] > 0.0:
-            result[row] = density[row]
-        else:
-            # Chapman (1931), alpha layer: exp((1 - z - exp(-z)) / 2).
-            layer = math.exp(0.5 * (1.0 - distance[row] - exponential[row]))
-            result[row] = scale * layer
-    return result
+        if per_constant[row] != 0.0:
+            density[row] = max(density[row] + change * per_constant[row], 0.0)
 
 
 @compiled
-def _with_derivatives(  # type: ignore[no-untyped-def]
-    density, weight, side, distance, exponential, shape, per_constant
+def absorb_density(  # type: ignore[no-untyped-def]
+    table, altitude_first, altitude_second, density, sigma, per_constant
 ):
-    """Return densities (n,) and their derivatives, (6, n), see `RunningProfile.densities`.
+    """Add a measured density to a table; arguments as in `RunningProfile.absorb`."""
+    low, high = min(altitude_first, altitude_second), max(altitude_first, altitude_second)
+    middle, half_width = 0.5 * (low + high), 0.5 * max(high - low, _STEP)
+    first = np.searchsorted(table.altitude, middle - half_width)
+    end = np.searchsorted(table.altitude, middle + half_width, "right")
+    sample_weight = 1.0 / sigma**2
+    densities = table.densities
+    for row in range(first, end):
+        weight = min(table.weight[row], _MEMORY_SAMPLES * sample_weight) + sample_weight
+        part = sample_weight / weight
+        densities[0, row] += part * (max(density, 0.0) - densities[0, row])
+        densities[CONSTANT, row] += part * (per_constant - densities[CONSTANT, row])
+        # The model and its derivatives end where a density was measured.
+        for kind in range(SIZE, CONSTANT):
+            densities[kind, row] = 0.0
+        table.weight[row] = weight
 
-    `weight` is positive where the density was measured; `side`, `distance`, `exponential` and
-    `shape` are those of `_distances_from_peak`.
+
+@compiled
+def reshape_and_resize(table, change, factor):  # type: ignore[no-untyped-def]
+    """Change the shape and the size of the model of a table; see `reshape` and `resize`.
+
+    The modelled densities, and the derivatives of them, are computed anew.
     """
-    result = np.zeros((6, len(density)))
-    for row in range(len(density)):
-        result[0, row] = density[row]
-        if weight[row] > 0.0:
-            result[CONSTANT, row] = per_constant[row]
+    shape, densities = table.shape, table.densities
+    for place in range(3):
+        changed = shape[place] + PEAK_UNIT * change[place]
+        if place < 2:
+            changed = shape[place] * math.exp(change[place])
+        shape[place] = min(max(changed, _SMALLEST_SHAPE[place]), _LARGEST_SHAPE[place])
+    table.scale[0] *= factor
+    scale, peak = table.scale[0], shape[2]
+    for row in range(len(table.altitude)):
+        if table.weight[row] > 0.0:
             continue
-        result[SIZE, row] = density[row]
-        slope = 0.5 * density[row] * (1.0 - exponential[row])
-        result[2 + side[row], row] = distance[row] * slope
-        result[4, row] = slope * PEAK_UNIT / shape[side[row]]
-    return result
+        side = 0 if table.altitude[row] < peak else 1
+        height = shape[side]
+        distance = (table.altitude[row] - peak) / height
+        exponential = math.exp(-distance)
+        # Chapman (1931), alpha layer: exp((1 - z - exp(-z)) / 2).
+        density = scale * math.exp(0.5 * (1.0 - distance - exponential))
+        slope = 0.5 * density * (1.0 - exponential)
+        densities[0, row] = densities[SIZE, row] = density
+        densities[2 + side, row], densities[3 - side, row] = distance * slope, 0.0
+        densities[4, row] = slope * PEAK_UNIT / height
 
 
 @compiled

@@ -31,6 +31,7 @@ __all__ = [
     "mapping_factor",
     "pierce_point",
     "profile_content",
+    "set_ray_weights",
     "shell_height",
     "thin_shell_mapping",
 ]
@@ -171,32 +172,54 @@ def contents_of_rays(perigee, radius, altitude, density):  # type: ignore[no-unt
         TECU.
     """
     contents = np.zeros((len(density), len(perigee)))
-    size = len(altitude)
-    # Distances of the altitudes along a ray, and what each density of the table adds to a content.
-    distance, weight = np.empty(size), np.empty(size)
+    weight = np.empty(len(altitude))
     for ray in range(len(perigee)):
-        start, square = radius[ray], perigee[ray] ** 2
-        first = np.searchsorted(altitude, start - WGS84_SEMI_MAJOR_AXIS)
-        if first == size:
+        if set_ray_weights(perigee[ray], radius[ray], altitude, weight) == len(altitude):
             continue
-        for edge in range(first, size):
-            distance[edge] = math.sqrt((altitude[edge] + WGS84_SEMI_MAJOR_AXIS) ** 2 - square)
-        weight[:] = 0.0
-        for edge in range(first + 1, size - 1):
-            weight[edge] = 0.5 * (distance[edge + 1] - distance[edge - 1])
-        if first + 1 < size:
-            weight[first] = 0.5 * (distance[first + 1] - distance[first])
-            weight[size - 1] = 0.5 * (distance[size - 1] - distance[size - 2])
-        # The interval in which the receiver lies begins at the receiver, with the density there.
-        if first > 0:
-            fraction = start - WGS84_SEMI_MAJOR_AXIS - altitude[first - 1]
-            fraction /= altitude[first] - altitude[first - 1]
-            step = distance[first] - math.sqrt(max(start**2 - square, 0.0))
-            weight[first - 1] += 0.5 * (1.0 - fraction) * step
-            weight[first] += 0.5 * (1.0 + fraction) * step
         for k in range(len(density)):
             contents[k, ray] = density[k] @ weight / ELECTRONS_PER_TECU
     return contents
+
+
+@compiled
+def set_ray_weights(perigee, radius, altitude, weight):  # type: ignore[no-untyped-def]
+    """Set what each density of a table adds to the content of a ray, m, compiled.
+
+    Parameters
+    ----------
+    perigee, radius, altitude
+        Those of one ray, and the table, as in `contents_of_rays`.
+    weight : ndarray, shape (n,)
+        Set in place.
+
+    Returns
+    -------
+    int
+        Row of the first density that adds anything; n for a receiver above the table.
+    """
+    size, square = len(altitude), perigee**2
+    first = np.searchsorted(altitude, radius - WGS84_SEMI_MAJOR_AXIS)
+    weight[:] = 0.0
+    if first == size:
+        return size
+    # Distances of the altitudes along the ray.
+    distance = np.empty(size)
+    for edge in range(first, size):
+        distance[edge] = math.sqrt((altitude[edge] + WGS84_SEMI_MAJOR_AXIS) ** 2 - square)
+    for edge in range(first + 1, size - 1):
+        weight[edge] = 0.5 * (distance[edge + 1] - distance[edge - 1])
+    if first + 1 < size:
+        weight[first] = 0.5 * (distance[first + 1] - distance[first])
+        weight[size - 1] = 0.5 * (distance[size - 1] - distance[size - 2])
+    if first == 0:
+        return 0
+    # The interval in which the receiver lies begins at the receiver, with the density there.
+    fraction = radius - WGS84_SEMI_MAJOR_AXIS - altitude[first - 1]
+    fraction /= altitude[first] - altitude[first - 1]
+    step = distance[first] - math.sqrt(max(radius**2 - square, 0.0))
+    weight[first - 1] += 0.5 * (1.0 - fraction) * step
+    weight[first] += 0.5 * (1.0 + fraction) * step
+    return first - 1
 
 
 def distance_to_altitude(

@@ -34,6 +34,7 @@ __all__ = [
     "satellite_densities",
     "scale_of_learned",
     "slow_residuals",
+    "unsaid_variances",
 ]
 
 COMMON = 7
@@ -285,6 +286,29 @@ def find_contradictions(  # type: ignore[no-untyped-def]
         innovation, covariance, unknown, largest_sigmas, largest_error
     )
     return is_wrong
+
+
+@compiled
+def unsaid_variances(innovation, covariance, unknown, largest_sigmas):  # type: ignore[no-untyped-def]
+    """Return the variances that contents must have beside those they came with, TECU^2, (n,).
+
+    A content that contradicts the others by less than any integer makes has begun to fluctuate:
+    within a second a fade that begins hardly shows. Arguments as in `find_contradictions`.
+    """
+    variance = np.zeros(len(innovation))
+    is_off, _ = _find_contradictions(innovation, covariance, unknown, largest_sigmas, 0.0)
+    others, off = np.flatnonzero(~is_off), np.flatnonzero(is_off)
+    if len(off) == 0:
+        return variance
+    weighted = np.empty((len(others), 1))
+    weighted[:, 0] = innovation[others]
+    _solve(_factorise(covariance[others][:, others]), weighted)
+    for row in off:
+        error = innovation[row]
+        for place in range(len(others)):
+            error -= covariance[row, others[place]] * weighted[place, 0]
+        variance[row] = error**2
+    return variance
 
 
 @compiled
