@@ -16,8 +16,9 @@ from vtff_gnss.signals import SignalKey, carrier_frequency_hz
 from vtff_iono.density import constant_check
 from vtff_iono.density.constant_check import ConstantCheck
 from vtff_iono.density.electron_density import DensitySettings
-from vtff_iono.density.formation_density import FormationDensity, _LinkMeans
+from vtff_iono.density.formation_density import FormationDensity
 from vtff_iono.density.integer_resolution import IntegerResolver
+from vtff_iono.density.link_means import LinkMeans, StretchRows
 from vtff_iono.density.phase_differences import DEVIATION_SQUARED
 from vtff_iono.density.phase_stretches import LinkSignals, PhaseStretch
 from vtff_iono.edges.vertical_edges import VerticalEdgeFinder
@@ -309,7 +310,7 @@ def test_each_link_of_a_satellite_adds_to_the_memory_of_its_fluctuation():
         ]
         columns = np.zeros((8, 2))
         columns[DEVIATION_SQUARED] = scatters
-        return _LinkMeans(stretches, np.full(2, 20), columns, least_noise=4e-5)
+        return LinkMeans(StretchRows(stretches), np.full(2, 20), columns, least_noise=4e-5)
 
     def sigma_of_quiet(first_scatter):
         """Return the sigma of a quiet second after one in which the first link fluctuated."""

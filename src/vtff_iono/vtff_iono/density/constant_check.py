@@ -19,10 +19,10 @@ from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from vtff_dynamics.vectors import FloatArray
 from vtff_iono.density.electron_density import ElectronDensityEstimator
@@ -127,7 +127,7 @@ class ConstantCheck:
         elevation_deputy: FloatArray,
         differential_stec_tecu: FloatArray,
         sigma_tecu: FloatArray,
-        satellite: Sequence[int],
+        satellite: npt.ArrayLike,
     ) -> ConstantVerdict:
         """Return what contents of a second, with integers that were found again, tell.
 
@@ -142,7 +142,7 @@ class ConstantCheck:
             Altitudes of chief and deputy, m.
         elevation_chief, elevation_deputy, differential_stec_tecu, sigma_tecu : ndarray, shape (n,)
             As in `ElectronDensityEstimator.update`; NaN for a link that is not used.
-        satellite : sequence of int, length n
+        satellite : array_like of int, shape (n,)
         """
         before = self._before
         if before is None:

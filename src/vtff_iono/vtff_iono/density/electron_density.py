@@ -35,7 +35,6 @@ from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -372,7 +371,7 @@ class ElectronDensityEstimator:
         elevation_deputy: FloatArray,
         differential_stec_tecu: FloatArray,
         sigma_tecu: FloatArray,
-        satellite: Sequence[int],
+        satellite: npt.ArrayLike,
         horizontal_sigma_tecu: float = 0.0,
     ) -> DensityEpoch:
         """Return the density of an epoch before the last one, from what is known now.

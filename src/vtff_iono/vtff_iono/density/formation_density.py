@@ -8,12 +8,11 @@ density. Integers that are found tell the densities of the seconds before, if th
 
 from __future__ import annotations
 
-import functools
 import math
 import statistics
 from collections import deque
 from collections.abc import Collection, Hashable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -36,20 +35,22 @@ from vtff_iono.density.electron_density import (
     DensitySettings,
     ElectronDensityEstimator,
 )
-from vtff_iono.density.integer_datum import IntegerDatum
-from vtff_iono.density.integer_resolution import FloatingContent, IntegerResolver
-from vtff_iono.density.phase_differences import (
-    DEVIATION,
-    DEVIATION_SQUARED,
-    ELEVATION_CHIEF,
-    ELEVATION_DEPUTY,
-    GEOMETRIC,
-    STEC,
-    STEP_SQUARED,
-    WIDE_LANE,
-    ReceiverSamples,
-    phase_differences,
+from vtff_iono.density.fluctuations import (
+    FEWEST_WITNESSES,
+    LastErrors,
+    add_changes,
+    empty_fluctuations,
+    empty_last_errors,
+    mean_over_scatter,
+    measure_fades,
+    raise_doubted,
+    weigh_contents,
 )
+from vtff_iono.density.integer_datum import IntegerDatum
+from vtff_iono.density.integer_judgement import find_wrong_integers
+from vtff_iono.density.integer_resolution import FloatingContent, IntegerResolver
+from vtff_iono.density.link_means import LinkMeans, StretchRows
+from vtff_iono.density.phase_differences import ReceiverSamples, phase_differences
 from vtff_iono.density.phase_stretches import LinkSignals, PhaseStretch, PhaseStretches
 from vtff_iono.density.signal_continuity import SignalContinuity
 from vtff_iono.links.geometry_free import tecu_per_metre
@@ -64,29 +65,10 @@ IntArray = npt.NDArray[np.int64]
 _FEWEST_SAMPLES = 2
 # Smallest elevation of the satellites that show the vertical content above the chief, rad.
 _VTEC_ELEVATION = math.radians(40.0)
-# A scatter that exceeds the variance of the noise by this factor is scintillation.
-_LARGE_SCATTER = 2.0
-# Variance of the mean of a second over the scatter within it. Of fades that last half a second a
-# third of the variance shows as scatter, the rest is in the mean; of faster fades little is in the
-# mean. It is measured by the changes from second to second; at first it is that of fades of half a
-# second, which counts as so many seconds of satellites.
-_FIRST_MEAN_OVER_SCATTER, _FIRST_WEIGHT = 2.0, 20.0
-_SMALLEST_RATIO, _LARGEST_RATIO = 0.05, 10.0
-# A change counts at most as this many times its expected variance: a wrong integer is no fade.
-_LARGEST_CHANGE = 16.0
-# The same for a change from one second to the next, which has a single degree of freedom.
-_LARGE_CHANGE = 9.0
 # Noise is at least this fraction of the variance that the settings tell.
 _LEAST_NOISE = 0.1
-_SCATTER_MEMORY = 15.0  # seconds
-# Fluctuations have ended when in so many seconds the fluctuation of so many satellite-seconds or
-# more is below the remembered one by more than this factor: one fade ends by chance, not all.
-_SECONDS_OF_END, _FEWEST_OF_END, _MARGIN_OF_END = 3, 9, 4.0
-_SATELLITES = 5.0  # that fluctuate at once, as a rule
-# The integers of a satellite are wrong when its content (see `DensitySettings.outlier_sigmas`) or
-# its wide lane is off by more than this for `_MOST_DOUBTS` seconds in a row.
-_WRONG_WIDE_LANE_SIGMAS = 5.0
-_WRONG_WIDE_LANE = 0.5  # cycles
+# The integers of a satellite are given up when they were wrong in so many seconds in a row, see
+# `find_wrong_integers`.
 _MOST_DOUBTS = 3
 # Integers are proved right after this many seconds of agreement. The density rests on proved
 # integers only as soon as this many satellites have them.
@@ -104,9 +86,6 @@ _ANY_SHIFT = 100.0
 _AROUND = 5
 # Most seconds without a density for which integers that are found later are used.
 _LONGEST_WAIT = 30
-# Fewest links with integers whose density is believed where integers of others are looked for: one
-# may have slipped unseen.
-_FEWEST_WITNESSES = 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,109 +119,6 @@ class DensityResult:
 
 
 @dataclass(frozen=True, eq=False)
-class _LinkMeans:
-    """Means of one second of n links, each with its stretch.
-
-    Parameters
-    ----------
-    stretches : list of PhaseStretch
-    samples : ndarray of int, shape (n,)
-        Number of samples of each mean.
-    columns : ndarray, shape (8, n)
-        Means of the columns of `phase_differences`. Deviations are from the first sample of a
-        stretch: without integers contents are so large that their own squares have lost what they
-        scatter by.
-    least_noise : float
-        Smallest variance of the white noise of a sample, TECU^2.
-    """
-
-    stretches: list[PhaseStretch]
-    samples: IntArray
-    columns: FloatArray
-    least_noise: float
-
-    @property
-    def stec(self) -> FloatArray:
-        """Differential TEC, TECU, shape (n,)."""
-        return np.asarray(self.columns[STEC])
-
-    @property
-    def wide_lane(self) -> FloatArray:
-        """Wide lane of the single difference less its integers, cycles, shape (n,)."""
-        return np.asarray(self.columns[WIDE_LANE])
-
-    @property
-    def geometric(self) -> FloatArray:
-        """Wide lane of the phases less that of the ranges, less its integers, cycles, (n,)."""
-        return np.asarray(self.columns[GEOMETRIC])
-
-    @property
-    def elevation_chief(self) -> FloatArray:
-        """Elevations at the chief, rad, shape (n,)."""
-        return np.asarray(self.columns[ELEVATION_CHIEF])
-
-    @property
-    def elevation_deputy(self) -> FloatArray:
-        """Elevations at the deputy, rad, shape (n,)."""
-        return np.asarray(self.columns[ELEVATION_DEPUTY])
-
-    def select(self, chosen: npt.NDArray[np.bool_]) -> _LinkMeans:
-        """Return the chosen links."""
-        rows = np.flatnonzero(chosen)
-        if len(rows) == len(chosen):
-            return self
-        return _LinkMeans(
-            [self.stretches[row] for row in rows.tolist()],
-            self.samples[rows],
-            self.columns.take(rows, axis=1),
-            self.least_noise,
-        )
-
-    @functools.cached_property
-    def prns(self) -> list[int]:
-        """Numbers of the satellites."""
-        return [stretch.signals.prn for stretch in self.stretches]
-
-    @functools.cached_property
-    def step_variance(self) -> FloatArray:
-        """Variance that the changes from sample to sample show, TECU^2, shape (n,)."""
-        return np.asarray(0.5 * self.columns[STEP_SQUARED])
-
-    @functools.cached_property
-    def scatter(self) -> FloatArray:
-        """Variance of the contents within the second, TECU^2, shape (n,)."""
-        return np.asarray(self.columns[DEVIATION_SQUARED] - self.columns[DEVIATION] ** 2)
-
-    @functools.cached_property
-    def white_noise(self) -> FloatArray:
-        """Variance of the white noise of a sample, TECU^2, shape (n,)."""
-        return np.maximum(self.step_variance, self.least_noise)
-
-    @functools.cached_property
-    def excess(self) -> FloatArray:
-        """Variance that the samples have beside white noise, TECU^2, shape (n,)."""
-        is_large = self.scatter > _LARGE_SCATTER * self.white_noise
-        return np.where(is_large, self.scatter - self.white_noise, 0.0)
-
-    @functools.cached_property
-    def has_integers(self) -> npt.NDArray[np.bool_]:
-        """Which links have integers of both signals, shape (n,)."""
-        return np.array([stretch.has_integers for stretch in self.stretches], dtype=bool)
-
-    def with_integers(self, row: int, integers: tuple[float, float], content: float) -> _LinkMeans:
-        """Return the means with the integers of one link, whose content (TECU) is removed."""
-        stretches = list(self.stretches)
-        stretches[row] = replace(stretches[row], integers=integers)
-        is_row = np.arange(len(stretches)) == row
-        wide_lane = np.where(is_row, integers[0] - integers[1], 0.0)
-        columns = self.columns.copy()
-        columns[STEC] -= np.where(is_row, content, 0.0)
-        columns[WIDE_LANE] -= wide_lane
-        columns[GEOMETRIC] -= wide_lane
-        return _LinkMeans(stretches, self.samples, columns, self.least_noise)
-
-
-@dataclass(frozen=True, eq=False)
 class _Second:
     """A second: mean time, GPS time, ns, geometry, and contents.
 
@@ -253,7 +129,7 @@ class _Second:
     time: int
     altitudes: tuple[float, float]
     position_itrf: FloatArray
-    means: _LinkMeans
+    means: LinkMeans
     doubt: FloatArray
     horizontal_sigma: float
 
@@ -311,18 +187,13 @@ class FormationDensity:
         # Sigma of the difference of two receivers and two signals at one epoch, TECU.
         sample_sigma = 2.0 * carrier_phase_sigma * self._tecu_per_metre
         self._least_noise = _LEAST_NOISE * sample_sigma**2
-        # Variance that scintillation adds to the samples of each satellite, TECU^2, by PRN.
-        self._excess: dict[int, float] = {}
-        # What each of the last seconds alone shows of that variance.
-        self._recent_excess: deque[dict[int, float]] = deque(maxlen=_SECONDS_OF_END)
-        # Variances of means, and scatters, whose ratio says how long fades last: sums of late.
-        self._of_means = _FIRST_MEAN_OVER_SCATTER * _FIRST_WEIGHT
-        self._of_scatter = _FIRST_WEIGHT
-        # Content of each satellite less the predicted one a second ago, TECU, by the number and the
-        # integers of its stretch.
-        self._last_errors: dict[tuple[int, tuple[float | None, float | None]], float] = {}
-        # The same of satellites with integers, by PRN.
-        self._last_fixed: dict[int, float] = {}
+        self._fluctuations = empty_fluctuations()
+        # Content of each link less the predicted one a second ago.
+        self._last_errors = empty_last_errors()
+        # The links of the last second, and of those with integers whether nothing is left to be
+        # counted of them while none is wrong.
+        self._links_of_second = StretchRows(())
+        self._settled: StretchRows | None = None
         # Seconds in a row for which the integers of a satellite were wrong, by PRN.
         self._doubts: dict[int, int] = {}
         self._resolver = IntegerResolver(*self._frequencies)
@@ -534,8 +405,12 @@ class FormationDensity:
             self._resolver.reset()
             self._without_density.clear()
         seconds = time / NANOSECONDS_PER_SECOND
-        stretches = [self._stretches[number] for number in averages.number.tolist()]
-        means = _LinkMeans(stretches, averages.samples, averages.columns, self._least_noise)
+        if not np.array_equal(averages.number, self._links_of_second.number):
+            numbers = averages.number.tolist()
+            self._links_of_second = StretchRows([self._stretches[number] for number in numbers])
+        means = LinkMeans(
+            self._links_of_second, averages.samples, averages.columns, self._least_noise
+        )
         # A satellite without an orbit has phases, and maybe integers, but no content is predicted.
         means = means.select(np.isfinite(means.elevation_chief + means.elevation_deputy))
         sigma_of_all = self._sigma(means)
@@ -595,9 +470,22 @@ class FormationDensity:
             predicted, covariance = self._predict(seconds, altitudes, means)
             error = means.stec - predicted
             spread = np.sqrt(np.diag(covariance)[has_integers])
-            self._examine_integers(fixed, error[has_integers], spread, sigma, epoch.is_outlier)
-            self._measure_fades(fixed, error[has_integers], sigma)
-            self._add_changes(means, error)
+            errors = error[has_integers]
+            self._examine_integers(fixed, errors, spread, sigma, epoch.is_outlier)
+            measure_fades(
+                self._fluctuations, fixed.prns, fixed.samples, fixed.columns, errors, sigma
+            )
+            now_errors = LastErrors(means.links.number, means.links.integers, error)
+            add_changes(
+                self._fluctuations,
+                means.prns,
+                means.samples,
+                means.columns,
+                self._last_errors,
+                now_errors,
+                self._least_noise,
+            )
+            self._last_errors = now_errors
         late: list[DensityResult] = []
         if math.isfinite(epoch.density):
             if self._without_density:
@@ -610,19 +498,19 @@ class FormationDensity:
         return [*late, self._result(now, satellites, epoch)]
 
     def _result(
-        self, second: _Second, satellites: list[int], epoch: DensityEpoch, is_late: bool = False
+        self, second: _Second, satellites: IntArray, epoch: DensityEpoch, is_late: bool = False
     ) -> DensityResult:
         return DensityResult(
             time=second.time,
             position_itrf=second.position_itrf,
             system=np.full(len(satellites), SYSTEM_GPS),
-            prn=np.array(satellites, dtype=np.int64),
+            prn=satellites.copy(),
             epoch=epoch,
             datum=self._datum_number + self._shifts,
             is_late=is_late,
         )
 
-    def _late_densities(self, now: _Second, fixed: _LinkMeans) -> list[DensityResult]:
+    def _late_densities(self, now: _Second, fixed: LinkMeans) -> list[DensityResult]:
         """Return the densities of the seconds without one that the links with integers now tell.
 
         An integer holds for as long as its signal goes on, backwards too: what has been found now
@@ -636,9 +524,9 @@ class FormationDensity:
         late = []
         excesses = [
             {
-                stretch.signals.prn: excess
-                for stretch, excess in zip(
-                    second.means.stretches,
+                prn: excess
+                for prn, excess in zip(
+                    second.means.prns.tolist(),
                     second.means.excess.tolist(),
                     strict=True,
                 )
@@ -656,7 +544,7 @@ class FormationDensity:
             # The seconds before and after show how much contents fluctuate.
             around = excesses[max(number - _AROUND, 0) : number + _AROUND + 1]
             sigma = self._sigma_among(second, around)
-            satellites = [second.means.stretches[row].signals.prn for row in rows]
+            satellites = second.means.prns[rows]
             epoch = self._estimator.past_density(
                 (now.time - second.time) / NANOSECONDS_PER_SECOND,
                 *second.altitudes,
@@ -682,11 +570,11 @@ class FormationDensity:
             near = [of_second[prn] for of_second in excesses if prn in of_second]
             excess[row] = max(excess[row], statistics.fmean(near))
         white = second.means.white_noise / second.means.samples
-        variance = white + excess * self._mean_over_scatter
+        variance = white + excess * mean_over_scatter(self._fluctuations)
         return np.asarray(second.doubt * np.sqrt(variance))
 
     def _predict(
-        self, seconds: float, altitudes: tuple[float, float], means: _LinkMeans
+        self, seconds: float, altitudes: tuple[float, float], means: LinkMeans
     ) -> tuple[FloatArray, FloatArray]:
         """Return the contents that are predicted of links, TECU, and their covariance."""
         return self._estimator.predicted_stec(
@@ -701,97 +589,18 @@ class FormationDensity:
         first, second = stretch.signals
         return self._datum.is_proved(first) and self._datum.is_proved(second)
 
-    def _sigma(self, means: _LinkMeans) -> FloatArray:
-        """Return the sigma of mean contents: white noise, and what scintillation adds to it.
-
-        Both are measured: the changes from sample to sample show the white noise (von Neumann
-        1941), the rest of the scatter is a slow fluctuation.
-        """
-        # One second alone may be quiet by chance, so that the seconds before it count too.
-        of_second: dict[int, float] = {}
-        for prn, value in zip(means.prns, means.excess.tolist(), strict=True):
-            mean = self._excess.get(prn, value)
-            self._excess[prn] = mean + (value - mean) / _SCATTER_MEMORY
-            of_second[prn] = value
-        self._recent_excess.append(of_second)
-        left = self._fluctuation_left()
-        remembered = [left * self._excess[prn] for prn in means.prns]
-        excess = np.maximum(means.excess, remembered)
-        return np.sqrt(means.white_noise / means.samples + excess * self._mean_over_scatter)
-
-    def _fluctuation_left(self) -> float:
-        """Return the part of the remembered fluctuation that there may still be."""
-        pairs = [
-            (value, self._excess[prn])
-            for of_second in self._recent_excess
-            for prn, value in of_second.items()
-            if self._excess[prn] > 0.0
-        ]
-        if len(pairs) < _FEWEST_OF_END or len(self._recent_excess) < _SECONDS_OF_END:
-            return 1.0
-        ratio = statistics.fmean(value / remembered for value, remembered in pairs)
-        return min(1.0, _MARGIN_OF_END * ratio)
-
-    @property
-    def _mean_over_scatter(self) -> float:
-        ratio = self._of_means / max(self._of_scatter, 1e-12)
-        return min(max(ratio, _SMALLEST_RATIO), _LARGEST_RATIO)
-
-    def _measure_fades(self, means: _LinkMeans, errors: FloatArray, sigma: FloatArray) -> None:
-        """Measure how much of the fluctuation of a second is in its mean, and how much within it.
-
-        `errors` are contents of links with integers less the predicted ones, `sigma` their own
-        sigmas, TECU.
-        """
-        noise, scatter = means.step_variance, means.scatter
-        now = dict(zip(means.prns, errors.tolist(), strict=True))
-        # All errors of a second share the density that is estimated from them.
-        share = max(len(now) - 1, 1) / max(len(now), 1)
-        of_means, of_scatter, count = 0.0, 0.0, 0
-        for row, (prn, error) in enumerate(now.items()):
-            if prn not in self._last_fixed or scatter[row] <= _LARGE_SCATTER * noise[row]:
-                continue
-            change = 0.5 * (error - self._last_fixed[prn]) ** 2 / share
-            # Neither a satellite without an orbit nor one that is not used tells anything.
-            if not math.isfinite(change + sigma[row]):
-                continue
-            change = min(change, _LARGEST_CHANGE * float(sigma[row]) ** 2)
-            weight = float(sigma[row]) ** -2
-            of_means += weight * (change - float(noise[row]) / float(means.samples[row]))
-            of_scatter += weight * float(scatter[row] - noise[row])
-            count += 1
-        self._last_fixed = now
-        if count and of_scatter > 0.0:
-            kept = math.exp(-count / (_SCATTER_MEMORY * _SATELLITES))
-            self._of_means = kept * self._of_means + count * of_means / of_scatter
-            self._of_scatter = kept * self._of_scatter + count
-
-    def _add_changes(self, means: _LinkMeans, errors: FloatArray) -> None:
-        """Let changes from second to second count as fluctuation where they exceed the noise.
-
-        Fades that last for seconds hardly show in the scatter of one.
-        """
-        noise = means.step_variance / means.samples
-        keys = [(stretch.number, stretch.integers) for stretch in means.stretches]
-        errors_now = dict(zip(keys, errors.tolist(), strict=True))
-        for key, stretch, variance in zip(keys, means.stretches, noise.tolist(), strict=True):
-            last = self._last_errors.get(key)
-            prn = stretch.signals.prn
-            if last is None or prn not in self._excess:
-                continue
-            change = 0.5 * (errors_now[key] - last) ** 2
-            if change > _LARGE_CHANGE * max(variance, self._least_noise):
-                mean = self._excess[prn]
-                self._excess[prn] = max(mean, mean + (change - mean) / _SCATTER_MEMORY)
-                of_second = self._recent_excess[-1]
-                of_second[prn] = max(of_second.get(prn, 0.0), change)
-        self._last_errors = errors_now
+    def _sigma(self, means: LinkMeans) -> FloatArray:
+        """Return the sigma of mean contents of a second, TECU, which is added to the memory."""
+        sigma: FloatArray = weigh_contents(
+            self._fluctuations, means.prns, means.samples, means.columns, self._least_noise
+        )
+        return sigma
 
     # ---- integers ----------------------------------------------------------------------------
 
     def _examine_integers(
         self,
-        fixed: _LinkMeans,
+        fixed: LinkMeans,
         errors: FloatArray,
         spread: FloatArray,
         sigma: FloatArray,
@@ -803,54 +612,37 @@ class FormationDensity:
         of predictions and measurements, TECU.
         """
         settings = self._settings
-        wide_lanes, samples = fixed.wide_lane.tolist(), fixed.samples.tolist()
-        error_sigma = np.hypot(spread, sigma)
-        fluctuates = fixed.excess > 0.0
+        is_wrong, is_any_wrong, fluctuating = find_wrong_integers(
+            fixed.columns,
+            fixed.samples,
+            errors,
+            spread,
+            sigma,
+            is_outlier,
+            self._resolver.measured,
+            self._resolver.cycles_per_tecu,
+            self._resolver.noise_square,
+            self._relative_sigma_cycles,
+            settings.outlier_sigmas,
+            settings.outlier_tecu,
+            self._least_noise,
+        )
+        if fixed.links is self._settled and not is_any_wrong:
+            # All have proved right: nothing is left to be counted.
+            self._constant_check.add_steps(0, int(np.count_nonzero(fluctuating)))
+            return
         steps = still_right = 0
-        largest = np.maximum(settings.outlier_sigmas * error_sigma, settings.outlier_tecu)
-        is_off = np.abs(errors) > largest
-        is_off |= self._contradicts_geometry(fixed, is_off | is_outlier, sigma)
-        for row, (stretch, off) in enumerate(
-            zip(fixed.stretches, (is_off | is_outlier).tolist(), strict=True)
+        for stretch, wrong, fluctuates in zip(
+            fixed.stretches, is_wrong.tolist(), fluctuating.tolist(), strict=True
         ):
-            wide_lane_error = self._resolver.wide_lane_error(wide_lanes[row])
-            is_wrong = off or abs(wide_lane_error) > max(
-                _WRONG_WIDE_LANE, _WRONG_WIDE_LANE_SIGMAS * self._resolver.wide_lane_sigma
-            )
-            steps += self._judge(stretch, is_wrong)
-            still_right += bool(fluctuates[row]) and not is_wrong and stretch.has_proved
-            if not is_wrong:
-                self._resolver.add_resolved(wide_lanes[row], samples[row])
+            steps += self._judge(stretch, wrong)
+            still_right += fluctuates and not wrong and stretch.has_proved
         self._constant_check.add_steps(steps, still_right)
-
-    def _contradicts_geometry(
-        self, fixed: _LinkMeans, is_off: npt.NDArray[np.bool_], sigma: FloatArray
-    ) -> npt.NDArray[np.bool_]:
-        """Return which links have integers whose wide lane relative navigation contradicts, (n,).
-
-        The links that agree show how well it knows them. Arguments as in `_examine_integers`.
-        """
-        contradicts = np.zeros(len(sigma), dtype=bool)
-        wide_lanes, sigmas = self._geometric_errors(fixed).tolist(), sigma.tolist()
-        known = [
-            row
-            for row, (value, off) in enumerate(zip(wide_lanes, is_off.tolist(), strict=True))
-            if not off and math.isfinite(value + sigmas[row] + self._relative_sigma_cycles)
-        ]
-        if len(known) < _FEWEST_WITNESSES:
-            return contradicts
-        # The median is right while most are.
-        clock = statistics.median([wide_lanes[row] for row in known])
-        errors = []
-        for row in known:
-            error = wide_lanes[row] - clock
-            variance = self._resolver.geometric_variance(sigmas[row], self._relative_sigma_cycles)
-            limit = max(_WRONG_WIDE_LANE_SIGMAS * math.sqrt(variance), _WRONG_WIDE_LANE)
-            contradicts[row] = abs(error) > limit
-            if not contradicts[row]:
-                errors.append((error, sigmas[row]))
-        self._resolver.add_geometric(errors)
-        return contradicts
+        is_settled = not is_any_wrong and all(
+            stretch.has_proved and stretch.seconds_of_agreement > _SECONDS_OF_PROOF
+            for stretch in fixed.stretches
+        )
+        self._settled = fixed.links if is_settled else None
 
     def _horizontal_sigma(
         self, chief: SpacecraftResult, positions: FloatArray, geodetic_chief: FloatArray
@@ -869,9 +661,9 @@ class FormationDensity:
         self,
         seconds: float,
         altitudes: tuple[float, float],
-        means: _LinkMeans,
+        means: LinkMeans,
         sigma: FloatArray,
-    ) -> _LinkMeans:
+    ) -> LinkMeans:
         """Return the means of links, those whose integers are found beside others with them.
 
         Contents are predicted from the constant, from the level that each satellite had before, and
@@ -888,7 +680,7 @@ class FormationDensity:
         known = has_integers & np.isfinite(sigma)
         of_known = covariance[np.ix_(known, known)] + np.diag(sigma[known] ** 2)
         agree = ~self._estimator.find_outliers(errors[known], of_known)
-        if np.count_nonzero(agree) < _FEWEST_WITNESSES:
+        if np.count_nonzero(agree) < FEWEST_WITNESSES:
             agree[:] = False
         rows, of_known = np.flatnonzero(known)[agree], of_known[np.ix_(agree, agree)]
         # What the links with integers tell of the others.
@@ -916,7 +708,7 @@ class FormationDensity:
             contents, spread, len(rows) > 0, clock_variance, self._relative_sigma_cycles
         )
         if not has_integers.any():
-            stretches = [means.stretches[row] for row in floating]
+            stretches = [means.stretches[row] for row in floating.tolist()]
             found |= self._connect(stretches, contents, spread)
             self._is_offer_possible = self._resolver.agree_with_codes(
                 {
@@ -1005,7 +797,7 @@ class FormationDensity:
         first, second = (self._offered.get(signal, math.nan) for signal in stretch.signals)
         return first, second
 
-    def _doubt_against_geometry(self, means: _LinkMeans, sigma: FloatArray) -> None:
+    def _doubt_against_geometry(self, means: LinkMeans, sigma: FloatArray) -> None:
         """Raise the sigmas (TECU, in place) of contents that geometry shows to fluctuate more.
 
         A second of samples shows little of slow fades, and the seconds before were quieter. What
@@ -1013,25 +805,19 @@ class FormationDensity:
         """
         if not math.isfinite(self._relative_sigma_cycles):
             return
-        shown = self._geometric_errors(means).tolist()
-        rows = [
-            row
-            for row, stretch in enumerate(means.stretches)
-            if stretch.has_integers and math.isfinite(shown[row] + sigma[row])
-        ]
-        fluctuates = np.array([self._excess[means.prns[row]] > 0.0 for row in rows], dtype=bool)
-        if not fluctuates.any() or len(rows) < _FEWEST_WITNESSES:
-            return
-        values = np.array([shown[row] for row in rows])
-        weights = 1.0 / self._resolver.geometric_variance(sigma[rows], self._relative_sigma_cycles)
-        squares = weights * (values - weights @ values / weights.sum()) ** 2
-        # All that fluctuate do so alike. The clock has taken a part of their errors.
-        expected = np.count_nonzero(fluctuates) - float(weights[fluctuates].sum() / weights.sum())
-        ratio = float(squares[fluctuates].sum()) / max(expected, 0.5)
-        sigma[np.array(rows)[fluctuates]] *= math.sqrt(max(ratio, 1.0))
+        raise_doubted(
+            self._fluctuations,
+            means.prns,
+            means.has_integers,
+            means.columns,
+            sigma,
+            self._resolver.cycles_per_tecu,
+            self._resolver.noise_square,
+            self._resolver.geometric_variance(0.0, self._relative_sigma_cycles),
+        )
 
     def _clock(
-        self, means: _LinkMeans, rows: npt.NDArray[np.intp], sigma: FloatArray
+        self, means: LinkMeans, rows: npt.NDArray[np.intp], sigma: FloatArray
     ) -> tuple[float, float]:
         """Return the difference of the receiver clocks, wide lanes, and its variance.
 
@@ -1046,7 +832,7 @@ class FormationDensity:
         weights = 1.0 / variances[is_known]
         return float(weights @ shown[is_known] / weights.sum()), float(1.0 / weights.sum())
 
-    def _geometric_errors(self, means: _LinkMeans) -> FloatArray:
+    def _geometric_errors(self, means: LinkMeans) -> FloatArray:
         """Return wide lanes by geometry of links with integers: the clocks and errors, (n,)."""
         return np.asarray(means.geometric - self._resolver.cycles_per_tecu * means.stec)
 

@@ -40,14 +40,23 @@ import numpy as np
 from vtff_dynamics.constants import SPEED_OF_LIGHT
 from vtff_dynamics.vectors import FloatArray
 from vtff_gnss.constants import DELAY_PER_TECU
+from vtff_iono.density.integer_judgement import (
+    BIAS_SQUARES,
+    FEWEST_SECONDS,
+    OF_CODES,
+    OF_GEOMETRY,
+    add_geometric,
+    add_resolved,
+    first_measured,
+    forget_bias,
+    wide_lane_error,
+)
 from vtff_iono.links.geometry_free import tecu_per_metre
 
 __all__ = ["FloatingContent", "IntegerResolver", "WeightedMean"]
 
 _Numbers = TypeVar("_Numbers", float, FloatArray)
 
-# Fewest seconds of data for a decision.
-_FEWEST_SECONDS = 4
 # Largest square of the errors over their sigmas of the pair that is taken, and how much larger that
 # of all pairs together must be with every other pair.
 _LARGEST_SQUARE = 16.0
@@ -65,15 +74,8 @@ _VECTORS_KEPT = 400
 # of a prediction, TECU.
 _WIDE_LANE_FLOOR, _GEOMETRIC_FLOOR = 0.02, 0.02
 _PREDICTION_FLOOR = 0.02
-# Cycles; wide lanes with more noise do not show the errors of the geometry.
-_LARGEST_NOISE = 0.1
-# Sigma of the slow error of a wide lane at first, cycles, and as how many seconds it counts; s over
-# which it is averaged, and after which it has another value.
-_FIRST_WIDE_LANE_SIGMA, _FIRST_SECONDS = 0.1, 10.0
-_WIDE_LANE_MEMORY, _WIDE_LANE_TIME = 3000.0, 200.0
-# The same of the wide lane that the geometry shows, whose memory is that of seconds of a dozen
-# satellites: relative navigation errs more after a fade.
-_FIRST_GEOMETRIC_SIGMA, _GEOMETRIC_MEMORY = 0.05, 300.0
+# s after which the slow error of a wide lane by codes has another value.
+_WIDE_LANE_TIME = 200.0
 
 
 @dataclass
@@ -98,22 +100,6 @@ class WeightedMean:
         if self.count < 2:
             return math.inf
         return math.sqrt(self.squares / self.weight / (self.count - 1))
-
-
-class _MeasuredSigma:
-    """Sigma of errors that are seen one by one."""
-
-    def __init__(self, first: float, memory: float) -> None:
-        self._square, self._count, self._memory = first**2, _FIRST_SECONDS, memory
-
-    @property
-    def sigma(self) -> float:
-        return math.sqrt(self._square)
-
-    def add(self, square: float) -> None:
-        """Add the square of an error."""
-        self._count = min(self._count + 1.0, self._memory)
-        self._square += (square - self._square) / self._count
 
 
 class FloatingContent(NamedTuple):
@@ -167,6 +153,13 @@ class IntegerResolver:
     ----------
     frequency_first, frequency_second : float
         Carrier frequencies of the two signals, Hz.
+
+    Attributes
+    ----------
+    cycles_per_tecu, noise_square : float
+        As in `vtff_iono.density.integer_judgement.find_wrong_integers`.
+    measured : ndarray, shape (8,)
+        What satellites with integers have shown of wide lanes, as there.
     """
 
     def __init__(self, frequency_first: float, frequency_second: float) -> None:
@@ -179,13 +172,17 @@ class IntegerResolver:
         # Noise of the phases of both signals, equal in cycles, in a wide lane, relative to that in
         # the content: its variance, 1/TECU^2, and its covariance with that, 1/TECU.
         square = self._first_tecu**2 + second_tecu**2
-        self._noise_square = 2.0 / square
+        self.noise_square = 2.0 / square
         self._noise_product = (self._first_tecu + second_tecu) / square
-        self._bias = WeightedMean()
-        self._of_codes = _MeasuredSigma(_FIRST_WIDE_LANE_SIGMA, _WIDE_LANE_MEMORY)
-        self._of_geometry = _MeasuredSigma(_FIRST_GEOMETRIC_SIGMA, _GEOMETRIC_MEMORY)
+        self.measured = first_measured()
         # Mean wide lane, excess content and wide lane by geometry of each arc without integers.
         self._unresolved: dict[Hashable, tuple[WeightedMean, WeightedMean, WeightedMean]] = {}
+
+    @property
+    def _bias(self) -> WeightedMean:
+        """Wide lanes by codes of satellites with integers, cycles."""
+        weight, count, mean, squares = self.measured[: BIAS_SQUARES + 1].tolist()
+        return WeightedMean(weight, int(count), mean, squares)
 
     def __len__(self) -> int:
         """Return the number of arcs whose samples are kept because they have no integers yet."""
@@ -193,7 +190,7 @@ class IntegerResolver:
 
     def reset(self) -> None:
         """Forget everything, because the integers have another datum."""
-        self._bias = WeightedMean()
+        forget_bias(self.measured)
         self._unresolved.clear()
 
     def keep_only(self, arcs: Container[Hashable]) -> None:
@@ -203,16 +200,12 @@ class IntegerResolver:
 
     def add_resolved(self, wide_lane_cycles: float, samples: int) -> None:
         """Add the mean wide lane of a satellite less its integers, which is the common bias."""
-        if not math.isfinite(wide_lane_cycles):
-            return
-        self._bias.add(wide_lane_cycles, float(samples))
-        if self._bias.count >= _FEWEST_SECONDS:
-            self._of_codes.add((wide_lane_cycles - self._bias.mean) ** 2)
+        add_resolved(self.measured, wide_lane_cycles, float(samples))
 
     @property
     def wide_lane_sigma(self) -> float:
         """Sigma of the wide lane of a second of a satellite with integers, by codes, cycles."""
-        return self._of_codes.sigma
+        return math.sqrt(self.measured[OF_CODES])
 
     def geometric_variance(self, content_sigma: _Numbers, relative_sigma_cycles: float) -> _Numbers:
         """Return the variance of wide lanes by geometry of a second, cycles^2.
@@ -220,8 +213,8 @@ class IntegerResolver:
         `content_sigma` is that of the contents, TECU; `relative_sigma_cycles` is that of the
         position of one spacecraft from the other.
         """
-        lasting = self._of_geometry.sigma**2 + relative_sigma_cycles**2
-        return self._noise_square * content_sigma**2 + lasting
+        lasting = float(self.measured[OF_GEOMETRY]) + relative_sigma_cycles**2
+        return self.noise_square * content_sigma**2 + lasting
 
     def add_geometric(self, errors: Sequence[tuple[float, float]]) -> None:
         """Add what wide lanes by geometry are off for satellites with integers in a second.
@@ -229,19 +222,12 @@ class IntegerResolver:
         `errors` are those less their median, which is the difference of the clocks, cycles, and the
         sigmas of the contents, TECU.
         """
-        if len(errors) < 2:
-            return
-        share = (len(errors) - 1) / len(errors)
-        for error, content_sigma in errors:
-            noise = self._noise_square * content_sigma**2
-            if noise < _LARGEST_NOISE**2:
-                self._of_geometry.add(max(error * error / share - noise, 0.0))
+        values = np.array(errors, dtype=float).reshape(-1, 2)
+        add_geometric(self.measured, values[:, 0].copy(), values[:, 1].copy(), self.noise_square)
 
     def wide_lane_error(self, wide_lane_cycles: float) -> float:
         """Return how far a wide lane less its integers is from the common bias; NaN at first."""
-        if self._bias.count < _FEWEST_SECONDS:
-            return math.nan
-        return wide_lane_cycles - self._bias.mean
+        return float(wide_lane_error(self.measured, wide_lane_cycles))
 
     def resolve(
         self,
@@ -277,7 +263,7 @@ class IntegerResolver:
             if error is not None:
                 chosen.append(row)
                 errors.append(error)
-        lasting = self._of_geometry.sigma**2 + relative_sigma_cycles**2
+        lasting = float(self.measured[OF_GEOMETRY]) + relative_sigma_cycles**2
         joint = self._joint_covariance(
             errors, covariance[np.ix_(chosen, chosen)], clock_variance, lasting
         )
@@ -307,7 +293,7 @@ class IntegerResolver:
         known : tuple of float or None
             Either integer if it is known.
         """
-        if self._bias.count < _FEWEST_SECONDS or not np.isfinite(wide_lanes).all():
+        if self._bias.count < FEWEST_SECONDS or not np.isfinite(wide_lanes).all():
             return None
         scatter = max(self.wide_lane_sigma, float(np.std(wide_lanes)), _WIDE_LANE_FLOOR)
         errors = _FloatingErrors(
@@ -335,7 +321,7 @@ class IntegerResolver:
         told = {
             arc: mean
             for arc, (mean, _, _) in self._unresolved.items()
-            if arc in wide_lanes and mean.count >= _FEWEST_SECONDS
+            if arc in wide_lanes and mean.count >= FEWEST_SECONDS
         }
         freedom = len(told) - 1
         if freedom < 1:
@@ -366,12 +352,12 @@ class IntegerResolver:
             by_geometry.add(geometric)
             geometric = by_geometry.mean
         is_told = content.known != (None, None) or math.isfinite(geometric)
-        has_wide_lane = self._bias.count >= _FEWEST_SECONDS
-        if not is_told and (wide_lane.count < _FEWEST_SECONDS or not has_wide_lane):
+        has_wide_lane = self._bias.count >= FEWEST_SECONDS
+        if not is_told and (wide_lane.count < FEWEST_SECONDS or not has_wide_lane):
             return None
         mean, sigma = content.excess_tecu, content.sigma_tecu
         if is_density_known:
-            scatter = excess.sigma() if excess.count >= _FEWEST_SECONDS else 0.0
+            scatter = excess.sigma() if excess.count >= FEWEST_SECONDS else 0.0
             mean, sigma = excess.mean, max(scatter, sigma / math.sqrt(excess.count))
         wide_error, wide_sigma = 0.0, math.inf
         if has_wide_lane:
@@ -438,7 +424,7 @@ class IntegerResolver:
         joint[0, :, 0] = covariance + noise + floor
         product = self.cycles_per_tecu * covariance + self._noise_product * noise
         joint[0, :, 1] = joint[1, :, 0] = product
-        joint[1, :, 1] = self.cycles_per_tecu**2 * covariance + self._noise_square * noise
+        joint[1, :, 1] = self.cycles_per_tecu**2 * covariance + self.noise_square * noise
         joint[1, :, 1] += clock_variance
         lasting = np.full(len(errors), lasting_variance + _GEOMETRIC_FLOOR**2)
         joint[1, :, 1] += np.diag(lasting)
