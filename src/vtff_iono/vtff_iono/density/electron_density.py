@@ -240,7 +240,7 @@ class ElectronDensityEstimator:
             np.zeros(0),
             np.array([math.nan, self.slow_errors.sigma**2, 0.0, 0.0]),
         )
-        self._rays = empty_rays(2 * _ROOM + 1, len(self.profile.altitude))
+        self._rays = empty_rays(4 * _ROOM + 1, len(self.profile.altitude))
         self.reset_bias()
 
     @property
@@ -473,8 +473,9 @@ class ElectronDensityEstimator:
     def _reserve(self, satellites: int) -> None:
         """Have room for a second of satellites."""
         self.slow_errors.reserve(satellites)
-        if len(self._rays.perigee) < 2 * satellites + 1:
-            self._rays = empty_rays(4 * satellites + 1, len(self.profile.altitude))
+        # Rays of contents that are measured, of those that are predicted, and that to the zenith.
+        if len(self._rays.perigee) < 4 * satellites + 1:
+            self._rays = empty_rays(8 * satellites + 1, len(self.profile.altitude))
 
     def _arrange(self, time: float, satellites: npt.NDArray[np.int64]) -> None:
         """Give each satellite that is observed a place in the state, forget those long gone."""
