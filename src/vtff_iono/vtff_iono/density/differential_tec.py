@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from typing import NamedTuple
 
@@ -10,7 +11,7 @@ import numpy.typing as npt
 
 from vtff_dynamics.compiled import compiled
 from vtff_dynamics.constants import SPEED_OF_LIGHT
-from vtff_dynamics.frames.geodetic import geodetic_from_itrf, rotation_to_enu_at
+from vtff_dynamics.frames.geodetic import geodetic_from_itrf
 from vtff_dynamics.vectors import FloatArray
 from vtff_iono.links.geometry_free import tecu_per_metre
 from vtff_iono.links.windows import WindowBuffer
@@ -21,7 +22,11 @@ __all__ = [
     "compile_kernels",
     "differential_stec",
     "horizontal_sigma",
+    "vertical_content",
 ]
+
+# Smallest elevation of the satellites that show the vertical content above the chief, rad.
+_VTEC_ELEVATION = math.radians(40.0)
 
 
 def differential_stec(
@@ -72,9 +77,56 @@ def horizontal_sigma(
     """
     if geodetic_chief is None:
         geodetic_chief = geodetic_from_itrf(position_chief_itrf)
-    rotation = rotation_to_enu_at(*geodetic_chief[:2].tolist())
-    distance = rotation[:2] @ (position_deputy_itrf - position_chief_itrf)
-    return float(np.linalg.norm(gradient_sigma * distance))
+    sigma: float = _sigma_over_distance(
+        gradient_sigma, position_chief_itrf, position_deputy_itrf, geodetic_chief
+    )
+    return sigma
+
+
+@compiled
+def _sigma_over_distance(gradient_sigma, chief, deputy, geodetic):  # type: ignore[no-untyped-def]
+    """Return what `horizontal_sigma` describes; arguments as there."""
+    sine, cosine = math.sin(geodetic[1]), math.cos(geodetic[1])
+    along, up = math.sin(geodetic[0]), deputy[2] - chief[2]
+    x, y = deputy[0] - chief[0], deputy[1] - chief[1]
+    east = cosine * y - sine * x
+    north = math.cos(geodetic[0]) * up - along * (cosine * x + sine * y)
+    return math.hypot(gradient_sigma[0] * east, gradient_sigma[1] * north)
+
+
+@compiled
+def vertical_content(  # type: ignore[no-untyped-def]
+    rejected, elevation, slant, slant_sigma, vertical, vertical_sigma
+):
+    """Return the vertical content above a spacecraft and its sigma, TECU, from high satellites.
+
+    Parameters
+    ----------
+    rejected : ndarray of int, shape (n,)
+        Zero for a satellite that is used.
+    elevation : ndarray, shape (n,)
+        rad.
+    slant, slant_sigma, vertical : ndarray, shape (n,)
+        Slant contents, their sigmas, and vertical contents, TECU.
+    vertical_sigma : float
+        Sigma of content that is not of the layer and does not tell of it, TECU.
+
+    Returns
+    -------
+    content, sigma : float
+        NaN without a high satellite.
+    """
+    contents, sigmas = np.empty(len(slant)), np.empty(len(slant))
+    count = 0
+    for row in range(len(slant)):
+        if rejected[row] == 0 and elevation[row] > _VTEC_ELEVATION and slant[row] != 0.0:
+            contents[count] = vertical[row]
+            sigmas[count] = slant_sigma[row] * abs(vertical[row] / slant[row])
+            count += 1
+    if count == 0:
+        return math.nan, math.nan
+    of_layer = math.hypot(np.median(sigmas[:count]), vertical_sigma)
+    return np.median(contents[:count]), of_layer
 
 
 class SecondMeans(NamedTuple):
@@ -185,3 +237,4 @@ def compile_kernels() -> None:
     """Compile the means of a second."""
     none = np.zeros(1, dtype=np.int64)
     _means_by_number(none, none, np.zeros((1, 1)), 1)
+    horizontal_sigma(np.zeros(2), np.ones(3), np.ones(3), np.zeros(3))

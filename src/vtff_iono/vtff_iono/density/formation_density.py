@@ -29,6 +29,7 @@ from vtff_iono.density.differential_tec import (
     SecondMeans,
     differential_stec,
     horizontal_sigma,
+    vertical_content,
 )
 from vtff_iono.density.electron_density import (
     DensityEpoch,
@@ -63,8 +64,6 @@ __all__ = ["DensityResult", "FormationDensity"]
 IntArray = npt.NDArray[np.int64]
 
 _FEWEST_SAMPLES = 2
-# Smallest elevation of the satellites that show the vertical content above the chief, rad.
-_VTEC_ELEVATION = math.radians(40.0)
 # Noise is at least this fraction of the variance that the settings tell.
 _LEAST_NOISE = 0.1
 # The integers of a satellite are given up when they were wrong in so many seconds in a row, see
@@ -194,6 +193,9 @@ class FormationDensity:
         # counted of them while none is wrong.
         self._links_of_second = StretchRows(())
         self._settled: StretchRows | None = None
+        # Which links have integers that are trusted, and for which links and changes that holds.
+        self._are_proved: list[bool] = []
+        self._proved_for: tuple[StretchRows, int] | None = None
         # Seconds in a row for which the integers of a satellite were wrong, by PRN.
         self._doubts: dict[int, int] = {}
         self._resolver = IntegerResolver(*self._frequencies)
@@ -394,7 +396,7 @@ class FormationDensity:
         when, positions = np.array([time]), np.empty((2, 3))
         for craft, track in enumerate(tracks):
             positions[craft] = track.positions(when)[0]
-        if not np.isfinite(positions).all():
+        if not math.isfinite(positions.sum()):
             return []
         geodetic = geodetic_from_itrf(positions)
         altitude_chief, altitude_deputy = geodetic[:, 2].tolist()
@@ -427,14 +429,14 @@ class FormationDensity:
             horizontal_sigma,
         )
         had_integers = means.has_integers
-        if not had_integers.any() and self._estimator.is_bias_known:
+        if not means.links.has_any and self._estimator.is_bias_known:
             self._constant_check.lose(self._estimator)
         means = self._resolve_integers(seconds, altitudes, means, sigma_of_all)
         has_integers = means.has_integers
-        fixed = means.select(has_integers)
+        fixed = means if means.links.have_all else means.select(has_integers)
         satellites = fixed.prns
         sigma = sigma_of_all[has_integers]
-        proved = [self._is_proved(stretch) for stretch in fixed.stretches]
+        proved = self._proved(fixed.links)
         if not all(proved) and sum(proved) >= _ENOUGH_PROVED:
             sigma[~np.array(proved)] = np.nan
         constant = self._constant_check.compare(
@@ -469,7 +471,7 @@ class FormationDensity:
         if math.isfinite(epoch.slow_time):
             predicted, covariance = self._predict(seconds, altitudes, means)
             error = means.stec - predicted
-            spread = np.sqrt(np.diag(covariance)[has_integers])
+            spread = np.sqrt(covariance.diagonal()[has_integers])
             errors = error[has_integers]
             self._examine_integers(fixed, errors, spread, sigma, epoch.is_outlier)
             measure_fades(
@@ -493,7 +495,7 @@ class FormationDensity:
                 self._without_density.clear()
         else:
             self._without_density.append(now)
-        if not has_integers.any():
+        if not means.links.has_any:
             return []
         return [*late, self._result(now, satellites, epoch)]
 
@@ -585,6 +587,14 @@ class FormationDensity:
             means.prns,
         )
 
+    def _proved(self, links: StretchRows) -> list[bool]:
+        """Return which links have integers that are trusted."""
+        known_for = (links, self._datum.changes)
+        if known_for != self._proved_for:
+            self._proved_for = known_for
+            self._are_proved = [self._is_proved(stretch) for stretch in links.stretches]
+        return self._are_proved
+
     def _is_proved(self, stretch: PhaseStretch) -> bool:
         first, second = stretch.signals
         return self._datum.is_proved(first) and self._datum.is_proved(second)
@@ -651,10 +661,10 @@ class FormationDensity:
 
         `positions` have shape (2, 3), m; `geodetic_chief` as in `horizontal_sigma`.
         """
-        gradient = np.full(2, math.nan) if chief.epoch is None else chief.epoch.gradient_sigma
-        if not np.isfinite(gradient).all():
+        gradient = None if chief.epoch is None else chief.epoch.gradient_sigma
+        if gradient is None or not math.isfinite(gradient[0] + gradient[1]):
             per_deg = self._settings.gradient_sigma_tecu_per_deg
-            gradient = np.full(2, math.degrees(per_deg / float(np.linalg.norm(positions[0]))))
+            gradient = np.full(2, math.degrees(per_deg / math.hypot(*positions[0].tolist())))
         return horizontal_sigma(gradient, positions[0], positions[1], geodetic_chief)
 
     def _resolve_integers(
@@ -671,9 +681,9 @@ class FormationDensity:
         """
         has_integers = means.has_integers
         is_predicted = self._estimator.is_bias_known or (
-            self._estimator.has_bias and has_integers.any()
+            self._estimator.has_bias and means.links.has_any
         )
-        if has_integers.all() or not is_predicted:
+        if means.links.have_all or not is_predicted:
             return means
         predicted, covariance = self._predict(seconds, altitudes, means)
         errors = means.stec - predicted
@@ -866,18 +876,16 @@ class FormationDensity:
 
 
 def _vertical_content(result: SpacecraftResult) -> tuple[float, float]:
-    """Return the vertical content above a spacecraft and its sigma, TECU, from high satellites.
-
-    NaN without such a satellite.
-    """
+    """Return the vertical content above a spacecraft and its sigma, TECU; NaN for none."""
     epoch = result.epoch
     if epoch is None:
         return math.nan, math.nan
-    good = (epoch.rejected == 0) & (epoch.elevation > _VTEC_ELEVATION) & (epoch.stec_tecu != 0.0)
-    if not good.any():
-        return math.nan, math.nan
-    vertical = epoch.vtec_tecu[good]
-    sigma = epoch.stec_sigma_tecu[good] * np.abs(vertical / epoch.stec_tecu[good])
-    # Content that is not of the layer does not tell of it.
-    of_layer = math.hypot(statistics.median(sigma.tolist()), epoch.vertical_sigma_tecu)
-    return statistics.median(vertical.tolist()), of_layer
+    content, sigma = vertical_content(
+        epoch.rejected,
+        epoch.elevation,
+        epoch.stec_tecu,
+        epoch.stec_sigma_tecu,
+        epoch.vtec_tecu,
+        float(epoch.vertical_sigma_tecu),
+    )
+    return content, sigma

@@ -42,10 +42,12 @@ class IntegerDatum:
     number : int
         Number of the datum. It grows when no satellite connects the integers of relative navigation
         with those held before, so that their common constant is a new one.
+    changes : int
+        It grows with each change of the integers that are held or trusted.
     """
 
     def __init__(self) -> None:
-        self.number = 0
+        self.number = self.changes = 0
         self._held: dict[SignalGroup, dict[SignalKey, _HeldInteger]] = {}
         self._refused: dict[SignalKey, _HeldInteger] = {}
         self._proved: dict[SignalGroup, set[SignalKey]] = {}
@@ -78,6 +80,7 @@ class IntegerDatum:
         given = (fixed, continuity, may_begin_anew)
         if given == self._given:
             return self._holding
+        self.changes += 1
         result: dict[SignalKey, float] = {}
         for group in sorted({signal.group for signal in fixed} | set(self._held)):
             usable = {
@@ -127,7 +130,7 @@ class IntegerDatum:
 
     def resolve(self, signal: SignalKey, cycles: float, continuity: Hashable) -> None:
         """Hold an integer, cycles in the datum, that was found here; it counts as proved."""
-        self._given = None
+        self._forget_given()
         self._held.setdefault(signal.group, {})[signal] = _HeldInteger(cycles, continuity)
         self._refused.pop(signal, None)
         self.prove(signal)
@@ -135,8 +138,13 @@ class IntegerDatum:
     def prove(self, signal: SignalKey) -> None:
         """Trust the integer of a signal for as long as its phases are continuous."""
         if signal in self._held.get(signal.group, {}):
-            self._given = None
+            self._forget_given()
             self._proved.setdefault(signal.group, set()).add(signal)
+
+    def _forget_given(self) -> None:
+        """Let the next update count, because the integers have changed since the last one."""
+        self._given = None
+        self.changes += 1
 
     def is_proved(self, signal: SignalKey) -> bool:
         """Return whether the integer of a signal is trusted."""
@@ -144,7 +152,7 @@ class IntegerDatum:
 
     def refuse(self, signal: SignalKey) -> None:
         """Give up an integer that is wrong, for as long as the phases are continuous."""
-        self._given = None
+        self._forget_given()
         self._proved.get(signal.group, set()).discard(signal)
         integer = self._held.get(signal.group, {}).pop(signal, None)
         if integer is not None:

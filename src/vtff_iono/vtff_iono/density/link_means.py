@@ -44,6 +44,8 @@ class StretchRows:
         Integers of both signals, cycles; NaN for those that are not known.
     has_integers : ndarray of bool, shape (n,)
         Which links have integers of both signals.
+    have_all, has_any : bool
+        Whether all links have them, and whether any has.
     """
 
     def __init__(self, stretches: Sequence[PhaseStretch]) -> None:
@@ -58,6 +60,8 @@ class StretchRows:
             dtype=float,
         ).reshape(-1, 2)
         self.has_integers: npt.NDArray[np.bool_] = np.isfinite(self.integers.sum(axis=1))
+        self.have_all = bool(self.has_integers.all())
+        self.has_any = bool(self.has_integers.any())
         self._chosen: dict[bytes, StretchRows] = {}
 
     def select(self, chosen: npt.NDArray[np.bool_]) -> StretchRows:
