@@ -22,7 +22,7 @@ from vtff_gnss.observations import OBSERVATION_COLUMNS
 from vtff_gnss.orbits import line_of_sight
 from vtff_iono.bias import arc_noise, expected_contents, pair_equations, single_columns
 from vtff_iono.bias.code_biases import CodeBiasTable
-from vtff_iono.density import differential_tec, electron_density
+from vtff_iono.density import formation_density
 from vtff_iono.density.electron_density import DensitySettings
 from vtff_iono.density.formation_density import DensityResult, FormationDensity
 from vtff_iono.edges import crossing_fit, wall_fit, wall_search
@@ -239,8 +239,7 @@ def compile_kernels() -> None:
     arc_noise.compile_kernels()
     expected_contents.compile_kernels()
     single_columns.compile_kernels()
-    differential_tec.compile_kernels()
-    electron_density.compile_kernels()
+    formation_density.compile_kernels()
     wall_fit.compile_kernels()
     wall_search.compile_kernels()
     crossing_fit.compile_kernels()

@@ -6,9 +6,14 @@ import numpy as np
 import pytest
 
 from vtff_dynamics.compiled import count_compiled_forms
+from vtff_dynamics.constants import WGS84_SEMI_MAJOR_AXIS
+from vtff_gnss.constants import ELECTRONS_PER_TECU
+from vtff_iono.bias.running_profile import RunningProfile
 from vtff_iono.density import electron_density
 from vtff_iono.density.filter import kernels
+from vtff_iono.density.filter.content_design import content_design, empty_rays
 from vtff_iono.density.filter.kernels import COMMON, DENSITY
+from vtff_iono.geometry.mapping import profile_content
 
 
 def draw_filter(seed, satellites=9, known=7):
@@ -164,12 +169,67 @@ def test_what_is_shared_may_be_undetermined(satellites):
     assert not kernels.slow_residuals(values, common, np.full(3, np.inf), values, 1.0)[0]
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_variances_that_contents_did_not_come_with(seed):
+    """A content that is off by more than five sigmas has the variance that its error shows."""
+    generator = np.random.default_rng(seed)
+    root = generator.standard_normal((8, 8))
+    covariance = 1e-4 * root @ root.T + 1e-3 * np.eye(8)
+    innovation = np.linalg.cholesky(covariance) @ generator.standard_normal(8)
+    innovation[seed] += 2.0
+    others = np.delete(np.arange(8), seed)
+    gain = np.linalg.solve(covariance[np.ix_(others, others)], covariance[others, seed])
+    expected = np.where(np.arange(8) == seed, (innovation - gain @ innovation[others]) ** 2, 0.0)
+    close(kernels.unsaid_variances(innovation, covariance, 3, 5.0), expected)
+    innovation[seed] = gain @ innovation[others]
+    assert not kernels.unsaid_variances(innovation, covariance, 3, 5.0).any()
+
+
+def test_rays_of_a_second_are_found_again():
+    """Contents are those of a new table of rays, also when a table is full or of another place."""
+    profile, state = RunningProfile(), np.zeros(COMMON)
+    chief = np.linspace(0.3, 1.5, 6)
+    kept = empty_rays(25, len(profile.altitude))
+    for altitude, rows in ((400e3, 4), (400e3, 6), (400.1e3, 6), (400.1e3, 3)):
+        arguments = (chief[:rows], chief[:rows] + 1e-3, altitude, altitude + 1e3, profile.table)
+        again = content_design(*arguments, kept, state)
+        for actual, expected in zip(
+            again,
+            content_design(*arguments, empty_rays(25, len(profile.altitude)), state),
+            strict=True,
+        ):
+            np.testing.assert_array_equal(actual, expected)
+    assert 0 < kept.filled[0] <= 25
+
+
+@pytest.mark.parametrize("altitude_deputy", [401e3, 399.5e3])
+def test_modelled_contents_are_integrals_through_the_profile(altitude_deputy):
+    """The contents above both spacecraft, and the electrons between them along the rays."""
+    profile = RunningProfile()
+    chief = np.linspace(0.3, 1.5, 6)
+    deputy = chief + 1e-3
+    rays = empty_rays(13, len(profile.altitude))
+    common, modelled = content_design(
+        chief, deputy, 400e3, altitude_deputy, profile.table, rays, np.zeros(COMMON)
+    )
+    path = (altitude_deputy - 400e3) / np.sin(0.5 * (chief + deputy))
+    above = [
+        profile_content(
+            elevation, WGS84_SEMI_MAJOR_AXIS + height, profile.altitude, profile.density
+        )
+        for elevation, height in ((chief, 400e3), (deputy, altitude_deputy))
+    ]
+    between = profile.mean_density(400e3, altitude_deputy) / ELECTRONS_PER_TECU * path
+    close(modelled, above[1] - above[0] + between)
+    close(common[:, DENSITY], -path)
+
+
 def test_nothing_is_compiled_after_the_start():
     """Compiling takes seconds, for which a node in real time would be late."""
     electron_density.compile_kernels()
     before = count_compiled_forms()
-    assert "vtff_iono.density.filter.kernels.correct" in before
-    assert len(before) >= 8, before
+    assert "vtff_iono.density.filter.second.update_second" in before
+    assert len(before) >= 5, before
     estimator = electron_density.ElectronDensityEstimator()
     elevation = np.radians([15.0, 30.0, 45.0, 60.0, 70.0, 80.0])
     for second in range(5):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from vtff_iono.density.filter.kernels import scale_of_learned
-from vtff_iono.density.filter.slow_errors import SlowErrors
+from vtff_iono.density.filter.slow_errors import SlowErrors, _add_products
 
 SATELLITES, TIME = 9, 100.0
 
@@ -43,6 +43,32 @@ def test_the_sigma_contains_that_it_is_known_from_few_samples(sigma, seconds, le
 def test_a_correlation_time_is_learned():
     times = [measured(0.1, 600, seed).correlation_time for seed in range(20)]
     assert 60.0 < np.median(times) < 140.0
+
+
+def test_products_are_those_of_residuals_a_lag_before():
+    """A ring of epochs that grows, against a list of them; two links have one satellite."""
+    generator, slow, epochs = np.random.default_rng(5), SlowErrors(), []
+    product = of_product = 0.0
+    first = slow.table.values.copy()
+    for second in range(60):
+        count = 20 if second > 30 else 5
+        satellites = np.append(generator.permutation(30)[: count - 1], 7)
+        residual = 1e-3 * generator.standard_normal(count)
+        fast, trust = np.full(count, 1e-6), generator.random(count)
+        slow.reserve(count)
+        _add_products(slow.table, 0.5 * second, satellites, residual, fast, trust)
+        now = dict(zip(satellites.tolist(), residual.tolist(), strict=True))
+        epochs.append(now)
+        before = epochs[second - 40] if second >= 40 else {}
+        for satellite, weight in zip(satellites.tolist(), trust.tolist(), strict=True):
+            if satellite in before:
+                product += weight * now[satellite] * before[satellite]
+                squares = 0.5 * (now[satellite] ** 2 + before[satellite] ** 2)
+                of_product += weight * max(squares - 1e-6, 0.0)
+    change = np.nan_to_num(slow.table.values - first)
+    places = np.flatnonzero(change)
+    np.testing.assert_allclose(np.sort(change[places]), np.sort([product, of_product]), rtol=1e-9)
+    assert slow.table.residual.shape[0] > 32 and slow.table.residual.shape[1] >= 20
 
 
 @pytest.mark.parametrize("ratio", [0.25, 1.0, 9.0])

@@ -77,20 +77,22 @@ def horizontal_sigma(
     """
     if geodetic_chief is None:
         geodetic_chief = geodetic_from_itrf(position_chief_itrf)
+    latitude, longitude = geodetic_chief[:2].tolist()
     sigma: float = _sigma_over_distance(
-        gradient_sigma, position_chief_itrf, position_deputy_itrf, geodetic_chief
+        gradient_sigma, position_chief_itrf, position_deputy_itrf, latitude, longitude
     )
     return sigma
 
 
 @compiled
-def _sigma_over_distance(gradient_sigma, chief, deputy, geodetic):  # type: ignore[no-untyped-def]
-    """Return what `horizontal_sigma` describes; arguments as there."""
-    sine, cosine = math.sin(geodetic[1]), math.cos(geodetic[1])
-    along, up = math.sin(geodetic[0]), deputy[2] - chief[2]
-    x, y = deputy[0] - chief[0], deputy[1] - chief[1]
+def _sigma_over_distance(  # type: ignore[no-untyped-def]
+    gradient_sigma, chief, deputy, latitude, longitude
+):
+    """Return what `horizontal_sigma` describes; arguments as there, angles in rad."""
+    sine, cosine = math.sin(longitude), math.cos(longitude)
+    x, y, z = deputy[0] - chief[0], deputy[1] - chief[1], deputy[2] - chief[2]
     east = cosine * y - sine * x
-    north = math.cos(geodetic[0]) * up - along * (cosine * x + sine * y)
+    north = math.cos(latitude) * z - math.sin(latitude) * (cosine * x + sine * y)
     return math.hypot(gradient_sigma[0] * east, gradient_sigma[1] * north)
 
 

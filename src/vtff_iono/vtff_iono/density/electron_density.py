@@ -591,4 +591,6 @@ def compile_kernels() -> None:
     for time in range(2):
         estimator.update(time, *altitudes, *elevations, contents, sigma, 10.0, 1.0, satellites)
         estimator.predicted_stec(time, *altitudes, *elevations, satellites)
+    # Contents are predicted after a second without any, too.
+    estimator.find_outliers(*estimator.predicted_stec(2.0, *altitudes, *elevations, satellites))
     estimator.past_density(1.0, *altitudes, *elevations, contents, sigma, satellites)
