@@ -23,7 +23,7 @@ from vtff_gnss.orbits import line_of_sight
 from vtff_iono.bias import arc_noise, expected_contents, pair_equations, single_columns
 from vtff_iono.bias.code_biases import CodeBiasTable
 from vtff_iono.density import formation_density
-from vtff_iono.density.electron_density import DensitySettings
+from vtff_iono.density.filter.settings import DensitySettings
 from vtff_iono.density.formation_density import DensityResult, FormationDensity
 from vtff_iono.edges import crossing_fit, wall_fit, wall_search
 from vtff_iono.edges.boundary import Boundary

@@ -24,7 +24,7 @@ from vtff_iono.conversions import (
     second_from_messages,
     slant_tec_to_message,
 )
-from vtff_iono.density.electron_density import DensitySettings
+from vtff_iono.density.filter.settings import DensitySettings
 from vtff_iono.edges.ray_edges import RayEdgeSettings
 from vtff_iono.formation_ionosphere import (
     FormationIonosphere,

@@ -10,7 +10,8 @@ from scipy import stats
 
 from vtff_iono.bias.running_profile import RunningProfile
 from vtff_iono.density.constant_check import ConstantCheck, walk_probability
-from vtff_iono.density.electron_density import DensitySettings, ElectronDensityEstimator
+from vtff_iono.density.electron_density import ElectronDensityEstimator
+from vtff_iono.density.filter.settings import DensitySettings
 
 CYCLE = -0.513
 BIAS = 1234.5

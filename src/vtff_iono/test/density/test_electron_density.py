@@ -27,7 +27,8 @@ from vtff_iono.density.density_profile import (
     wavenumber_spectrum,
 )
 from vtff_iono.density.differential_tec import SecondAverage, differential_stec, horizontal_sigma
-from vtff_iono.density.electron_density import DensitySettings, ElectronDensityEstimator
+from vtff_iono.density.electron_density import ElectronDensityEstimator
+from vtff_iono.density.filter.settings import DensitySettings
 from vtff_iono.geometry.mapping import profile_content
 
 CM3 = 1e6

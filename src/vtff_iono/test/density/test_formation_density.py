@@ -15,7 +15,7 @@ from vtff_gnss.orbits.ephemeris_selection import EphemerisStore
 from vtff_gnss.signals import SignalKey, carrier_frequency_hz
 from vtff_iono.density import constant_check
 from vtff_iono.density.constant_check import ConstantCheck
-from vtff_iono.density.electron_density import DensitySettings
+from vtff_iono.density.filter.settings import DensitySettings
 from vtff_iono.density.formation_density import FormationDensity
 from vtff_iono.density.integer_resolution import IntegerResolver
 from vtff_iono.density.link_means import LinkMeans, StretchRows

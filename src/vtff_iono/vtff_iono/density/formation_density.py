@@ -34,9 +34,9 @@ from vtff_iono.density.differential_tec import (
 )
 from vtff_iono.density.electron_density import (
     DensityEpoch,
-    DensitySettings,
     ElectronDensityEstimator,
 )
+from vtff_iono.density.filter.settings import DensitySettings
 from vtff_iono.density.fluctuations import (
     FEWEST_WITNESSES,
     LastErrors,

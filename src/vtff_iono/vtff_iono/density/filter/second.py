@@ -53,7 +53,6 @@ __all__ = [
     "LAST_TIME",
     "SLOW_TIME",
     "SLOW_VARIANCE",
-    "FilterSettings",
     "FilterTable",
     "choose_contents",
     "pass_to",
@@ -78,39 +77,6 @@ _LEAST_SPREAD = 1e11
 _LARGEST_NOISE = 0.2
 # A size of the layer that is known to this fraction is given to the model.
 _KNOWN_MAPPING = 0.2
-
-
-class FilterSettings(NamedTuple):
-    """Numbers of `DensitySettings` that compiled functions use, and what follows from them.
-
-    Attributes
-    ----------
-    elevation_mask, mapping_noise, content_time, negative_sigmas, outlier_sigmas, outlier_tecu,
-    largest_sigma : float
-    spare_satellites : int
-        As in `DensitySettings`.
-    density_variance : float
-        A priori variance of the density, (TECU/m)^2.
-    first_variance : ndarray, shape (5,)
-        Variances of what describes the layer before any content.
-    loose_sigma : ndarray, shape (COMMON,)
-        Sigmas of common states of which only the contents tell.
-    walk : ndarray, shape (COMMON + 1,)
-        Variance that each common state gains in a second; none that the slow errors gain.
-    """
-
-    elevation_mask: float
-    mapping_noise: float
-    content_time: float
-    negative_sigmas: float
-    outlier_sigmas: float
-    outlier_tecu: float
-    largest_sigma: float
-    spare_satellites: int
-    density_variance: float
-    first_variance: FloatArray
-    loose_sigma: FloatArray
-    walk: FloatArray
 
 
 class FilterTable(NamedTuple):

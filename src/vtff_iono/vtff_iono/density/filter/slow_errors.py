@@ -258,7 +258,7 @@ def _add_products(table, time, satellites, residual, fast, trust):  # type: igno
     if before >= 0:
         satellites_before = table.satellite[before, : table.size[before]]
         for row in range(len(residual)):
-            # Of links of the same satellite the last one stands for all.
+            # The last link of a satellite stands for all its links.
             then = _last_row(satellites_before, satellites[row])
             if then < 0:
                 continue
