@@ -228,7 +228,7 @@ class FormationIonosphere:
 
 
 def compile_kernels() -> None:
-    """Compile all that a formation needs, which takes half a minute without a cache.
+    """Compile all that a formation needs, which takes a minute without a cache.
 
     A node that did so with its first second, its first wall or its first receiver bias would be
     late by that.
