@@ -231,9 +231,10 @@ def leave_late_teardown(exit_code: int) -> None:
     without end, with the interpreter lock held, and to ignore all signals but SIGKILL. The trace on
     stderr names the call.
     """
-    with contextlib.suppress(RuntimeError, OSError):  # without memory there is no thread
-        faulthandler.dump_traceback_later(LEAVE_TIMEOUT, file=2)
+    # Without memory there is no thread. Where no timer can be had, `limit_teardown` stays.
+    with contextlib.suppress(RuntimeError, OSError, AttributeError):
         leave_process_after(LEAVE_TIMEOUT + TRACE_TIME, exit_code)
+        faulthandler.dump_traceback_later(LEAVE_TIMEOUT, file=2)
 
 
 def limit_teardown() -> None:

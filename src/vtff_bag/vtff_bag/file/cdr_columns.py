@@ -22,6 +22,7 @@ import numpy.typing as npt
 from vtff_bag.file.errors import BagReadError
 from vtff_bag.file.message_batches import MessageBatch, copy_parts
 from vtff_bag.file.message_definitions import message_class
+from vtff_dynamics.byte_integers import read_integer
 from vtff_dynamics.compiled import compiled
 
 __all__ = ["ColumnCollector", "MessageColumns"]
@@ -256,9 +257,7 @@ def _find_fields(stored, begin, end, is_counted, size, elements):  # type: ignor
                 position += (_HEADER_SIZE - position) % _COUNT_SIZE
                 if position + _COUNT_SIZE > length:
                     return place, count, message, True
-                number = np.int64(0)
-                for digit in range(_COUNT_SIZE):
-                    number |= np.int64(stored[first + position + digit]) << (8 * digit)
+                number = read_integer(stored, first + position, _COUNT_SIZE)
                 position += _COUNT_SIZE
             if number > 0:
                 position += (_HEADER_SIZE - position) % size[field]

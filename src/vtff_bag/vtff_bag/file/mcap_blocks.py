@@ -33,8 +33,7 @@ RECORD = struct.Struct("<BQ")  # opcode, length of what follows
 _MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time
 MESSAGE_HEAD_SIZE = _MESSAGE.size
 MESSAGE_OPCODE = int(Opcode.MESSAGE)  # a comparison with a member of an enumeration is slow
-_CHUNK = struct.Struct("<QQQII")  # start, end, uncompressed size, checksum, length of compression
-CHUNK_INDEX_OPCODE = int(Opcode.CHUNK_INDEX)
+_CHUNK_INDEX_OPCODE = int(Opcode.CHUNK_INDEX)
 _CHUNK_INDEX = struct.Struct("<QQQQ")  # first and last log time, offset, length of the chunk
 _SUMMARY_RECORDS: dict[int, Any] = {
     int(Opcode.STATISTICS): Statistics,
@@ -122,7 +121,7 @@ class FileContent:
 
 @dataclasses.dataclass
 class _Summary:
-    """What the summary of a file tells."""
+    """Records in the summary of a file."""
 
     statistics: Statistics | None = None
     schemas: dict[int, Schema] = dataclasses.field(default_factory=dict)
@@ -357,7 +356,7 @@ def _parse_summary(stored: bytes) -> _Summary:
     """Return what the records of a summary tell; raises one of `_DAMAGE` where they are wrong."""
     summary = _Summary()
     for opcode, start, end in _split_records(stored):
-        if opcode == CHUNK_INDEX_OPCODE:
+        if opcode == _CHUNK_INDEX_OPCODE:
             # An index is of four numbers, and of more that is not needed: there are thousands.
             begin, last, offset, length = _CHUNK_INDEX.unpack_from(stored, start)
             if end - start < _CHUNK_INDEX.size:

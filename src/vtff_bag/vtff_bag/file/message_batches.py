@@ -17,6 +17,7 @@ from vtff_bag.file import mcap_blocks
 from vtff_bag.file.errors import BagReadError
 from vtff_bag.file.mcap_blocks import MESSAGE_HEAD_SIZE, MESSAGE_OPCODE, RECORD, Block
 from vtff_bag.file.reader import BagReader, RawMessage
+from vtff_dynamics.byte_integers import read_integer
 from vtff_dynamics.compiled import compiled
 
 __all__ = [
@@ -220,15 +221,6 @@ def copy_parts(stored, begin, length, result):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _number_at(stored, place, size):  # type: ignore[no-untyped-def]
-    """Return the little-endian number of some bytes at a place; negative from 2**63 on."""
-    number = np.int64(0)
-    for digit in range(size):
-        number |= np.int64(stored[place + digit]) << (8 * digit)
-    return number
-
-
-@compiled
 def _find_messages(stored, topics):  # type: ignore[no-untyped-def]
     """Return how many messages there are, and topic, log time, begin and end of each, (4, n).
 
@@ -243,17 +235,17 @@ def _find_messages(stored, topics):  # type: ignore[no-untyped-def]
         start = position + _RECORD_SIZE
         if start > size:
             return -1, places
-        length = _number_at(stored, position + _LENGTH, 8)
+        length = read_integer(stored, position + _LENGTH, 8)
         is_message = stored[position] == MESSAGE_OPCODE
         # A length is without sign: one that seems negative is far beyond the end.
         if length < 0 or length > size - start or (is_message and length < MESSAGE_HEAD_SIZE):
             return -1, places
         position = start + length
         if is_message:
-            topic = topics[_number_at(stored, start, 2)]
+            topic = topics[read_integer(stored, start, 2)]
             if topic >= 0:
                 places[0, count] = topic
-                places[1, count] = _number_at(stored, start + _LOG_TIME, 8)
+                places[1, count] = read_integer(stored, start + _LOG_TIME, 8)
                 places[2, count] = start + MESSAGE_HEAD_SIZE
                 places[3, count] = position
                 count += 1

@@ -183,7 +183,7 @@ def _candidates(
 ) -> FloatArray:
     """Return changes of velocity in RTN, m/s, shape (n, 3); some are larger than allowed.
 
-    The same number is the same kind of manoeuvre in every search.
+    A number means the same kind of manoeuvre in every search.
     """
     available = acceleration > 0.0
     levels = np.geomspace(

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from vtff_dynamics.byte_integers import read_integer
 from vtff_dynamics.compiled import compiled
 from vtff_gnss.novatel.checksum import add_byte, add_words
 from vtff_gnss.novatel.message_ids import ID_RANGE, PAYLOAD_LAYOUTS
@@ -51,15 +52,6 @@ def find_intact_frames(content: bytes, position: int) -> list[tuple[int, int, in
     groups = np.empty((_GROUPS, 3), dtype=np.int64)
     count = _fill_groups(np.frombuffer(content, dtype=np.uint8), position, _LAYOUTS, groups)
     return [(start, end, frames) for start, end, frames in groups[:count].tolist()]
-
-
-@compiled
-def read_integer(content, place, length):  # type: ignore[no-untyped-def]
-    """Return an unsigned integer of some bytes, the lowest first."""
-    number = np.int64(0)
-    for byte in range(length):
-        number |= np.int64(content[place + byte]) << (8 * byte)
-    return number
 
 
 @compiled

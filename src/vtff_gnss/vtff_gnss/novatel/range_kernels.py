@@ -9,6 +9,7 @@ import math
 
 import numpy as np
 
+from vtff_dynamics.byte_integers import read_integer
 from vtff_dynamics.compiled import compiled
 from vtff_dynamics.constants import NANOSECONDS_PER_MILLISECOND
 from vtff_gnss.constants import (
@@ -18,7 +19,7 @@ from vtff_gnss.constants import (
     FLAG_PARITY_KNOWN,
     FLAG_PHASE_VALID,
 )
-from vtff_gnss.novatel.frame_search import RESPONSE_BIT, read_integer
+from vtff_gnss.novatel.frame_search import RESPONSE_BIT
 from vtff_gnss.novatel.header import MILLISECONDS_PER_WEEK, TIME_STATUS_UNKNOWN
 from vtff_gnss.novatel.range.range_logs import GLONASS_CHANNEL_OFFSET, RANGE_RECORD
 

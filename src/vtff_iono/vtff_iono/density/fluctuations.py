@@ -63,14 +63,14 @@ _OF_MEANS, _OF_SCATTER = 0, 1
 
 
 class FluctuationTable(NamedTuple):
-    """What the seconds so far have shown, by number of the satellite; NaN where nothing was.
+    """Fluctuations that the seconds so far have shown, by number of the satellite; NaN for none.
 
     Attributes
     ----------
     excess : ndarray, shape (256,)
         Variance that scintillation adds to the samples of each satellite, TECU^2.
     recent : ndarray, shape (3, 256)
-        What each of the last seconds alone shows of that variance, the last second last.
+        That variance from each of the last seconds alone, the last second last.
     seconds : ndarray of int64, shape (1,)
         Number of these seconds.
     sums : ndarray, shape (2,)

@@ -191,7 +191,7 @@ def find_wrong_integers(  # type: ignore[no-untyped-def]
     is_outlier : ndarray of bool, shape (n,)
         Links that are known to be wrong.
     measured : ndarray, shape (8,)
-        What was measured so far, see `first_measured`; the links that agree are added.
+        Measurements so far, see `first_measured`; the links that agree are added.
     cycles_per_tecu, noise_square : float
         Wide lanes of a content, cycles per TECU, and variance of the noise of a wide lane over that
         of the content, 1/TECU^2.

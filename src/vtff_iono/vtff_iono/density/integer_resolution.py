@@ -159,7 +159,7 @@ class IntegerResolver:
     cycles_per_tecu, noise_square : float
         As in `vtff_iono.density.integer_judgement.find_wrong_integers`.
     measured : ndarray, shape (8,)
-        What satellites with integers have shown of wide lanes, as there.
+        Wide lanes of the satellites with integers, as there.
     """
 
     def __init__(self, frequency_first: float, frequency_second: float) -> None:

@@ -188,7 +188,7 @@ def set_ray_weights(perigee, radius, altitude, weight):  # type: ignore[no-untyp
     Parameters
     ----------
     perigee, radius, altitude
-        Those of one ray, and the table, as in `contents_of_rays`.
+        Values of one ray, and the table, as in `contents_of_rays`.
     weight : ndarray, shape (n,)
         Set in place.
 

@@ -39,7 +39,7 @@ class RayTable(NamedTuple):
     first : ndarray of int64, shape (m,)
         First density of the profile that adds to the content of each ray.
     weight : ndarray, shape (m, n)
-        What the densities add, m.
+        Lengths that the densities are multiplied with, m.
     filled : ndarray of int64, shape (1,)
         Number of rays; the rows behind are free.
     """

@@ -80,7 +80,7 @@ _KNOWN_MAPPING = 0.2
 
 
 class FilterTable(NamedTuple):
-    """What the filter has estimated.
+    """Estimates of the filter.
 
     Attributes
     ----------

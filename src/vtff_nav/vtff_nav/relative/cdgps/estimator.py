@@ -281,9 +281,12 @@ class CdgpsEstimator(EstimatorInputs):
         `process` then need not do it. What is told of thrust in between counts all the same.
         """
         if self._absolute.state is not None and self._time is not None and time > self._time:
-            self._predict_motion(self._time, time - self._time)
+            thrust = self._thrust_within(self._time, time)
+            self._predict_motion(self._time, time - self._time, thrust)
 
-    def _predict_motion(self, time: GpsTime, interval: float) -> Prediction:
+    def _predict_motion(
+        self, time: GpsTime, interval: float, thrust: list[ThrustInterval]
+    ) -> Prediction:
         """Return where the motion leads; the same object as long as nothing has changed."""
         absolute, relative = self._absolute, np.zeros(DYNAMIC_STATES)
         thrust_sigma, relative_factor = self.configuration.thrust_relative_sigma, 1.0
@@ -292,7 +295,6 @@ class CdgpsEstimator(EstimatorInputs):
             thrust_sigma = self._relative.thrust_sigma
             relative_factor = self._relative.acceleration.factor
         factors = (absolute.acceleration.factor, relative_factor)
-        thrust = self._thrust_within(time, time + interval)
         key = (
             self._motion,
             time,
@@ -322,8 +324,8 @@ class CdgpsEstimator(EstimatorInputs):
     def _predict(self, time: GpsTime, interval: float) -> None:
         """Propagate both filters by an interval (s) that begins at `time`."""
         absolute, end = self._absolute, time + interval
-        predicted = self._predict_motion(time, interval)
         thrust = self._thrust_within(time, end)
+        predicted = self._predict_motion(time, interval, thrust)
         if self._thrust:
             finish = end.nanoseconds
             self._thrust = [each for each in self._thrust if each.end.nanoseconds > finish]
