@@ -65,6 +65,8 @@ from vtff_node.plugins.loading import PluginError, plugin_names
 from vtff_node.stamps import StampOrder, to_nanoseconds, to_stamp
 
 JOIN_INTERVAL = 0.01  # s of wall time between looks at epochs that wait for a receiver
+#: Wall time after a solution, s, that the nodes which make a command of it have the processor.
+COMMAND_TIME = 0.02
 SETTLE_TIME = 0.3  # s of wall time between discovery of a publisher and its first message
 LASER = "laser"
 
@@ -427,6 +429,10 @@ class RelativeEkfNode(VtffNode):
         self._solution: RelativeSolution | None = None
         self._epochs = {name: 0 for name in SOLUTION_NAMES.values()}
         self._compute_time = 0.0
+        self._unfinished: RelativeSolution | None = None
+        self._unfinished_until = 0.0
+        if not self.lockstep and hasattr(self._estimator, "learn"):
+            self._estimator.learns_later = True
         self._thrust_orders = {name: StampOrder() for name in self._namespaces}
         self._refused_thrust = 0
         self._inputs_since: float | None = None
@@ -589,6 +595,8 @@ class RelativeEkfNode(VtffNode):
         if self.common.reports_ready and self._inputs_since != math.inf:
             self._report_when_connected()
         self._process_complete()
+        if self._unfinished is not None and time.monotonic() >= self._unfinished_until:
+            self._finish_epoch()
 
     def _report_when_connected(self) -> None:
         """Report readiness a moment after all inputs have publishers, so that none is missed."""
@@ -611,6 +619,9 @@ class RelativeEkfNode(VtffNode):
 
     def _process(self, epoch: JoinedEpoch) -> None:
         started = time.perf_counter()
+        self._finish_epoch()
+        if self.finished:
+            return
         given: RelativeEkfParameters = self.parameters
         measured = epoch.measured
         time_epoch = GpsTime.from_unix_nanoseconds(epoch.stamp_nanoseconds)
@@ -638,19 +649,37 @@ class RelativeEkfNode(VtffNode):
         self.acknowledge_step(to_stamp(epoch.stamp_nanoseconds), started)
 
     def _publish(self, solution: RelativeSolution) -> None:
+        """Publish a solution; in real time the state first, for which the controller waits."""
         given: RelativeEkfParameters = self.parameters
-        self._solution = solution
+        self._solution = self._unfinished = solution
+        self._unfinished_until = time.monotonic() + COMMAND_TIME
         self._epochs[SOLUTION_NAMES[solution.solution]] += 1
-        # First, because the controller waits for it.
         self._state_publisher.publish(
             relative_state_to_message(solution, given.chief, given.deputy)
         )
+        if self.lockstep or solution.solution == SOLUTION_NONE:
+            self._finish_epoch()
+
+    def _finish_epoch(self) -> None:
+        """Do what is left of the last epoch, if anything is: no command waits for it."""
+        if self._unfinished is None:
+            return
+        solution, self._unfinished = self._unfinished, None
+        given: RelativeEkfParameters = self.parameters
         self._ambiguity_publisher.publish(
             ambiguities_to_message(solution, given.chief, given.deputy)
         )
         self._tec_publisher.publish(
             differential_tec_to_message(solution, given.chief, given.deputy)
         )
+        if self.lockstep or solution.solution == SOLUTION_NONE:
+            return
+        if hasattr(self._estimator, "learn"):
+            self._tell(self._estimator.learn)
+
+    def on_stop(self) -> None:
+        """Publish what is left of the last epoch."""
+        self._finish_epoch()
 
     # ---- health ------------------------------------------------------------------------------
 

@@ -301,6 +301,45 @@ def test_what_is_prepared_changes_no_result(scenario):
             np.testing.assert_array_equal(getattr(solution, name), getattr(expected, name))
 
 
+def test_noise_may_be_learnt_after_the_solution(scenario):
+    """At once, before the next epoch, or when the caller has time: the estimates stay the same."""
+    at_once, by_itself, later = (
+        CdgpsEstimator(configuration(), scenario.ephemerides) for _ in range(3)
+    )
+    by_itself.learns_later = later.learns_later = True
+    assert not at_once.learns_later
+    for second in range(150):
+        time = START + float(second)
+        measured = (scenario.chief[time], scenario.deputy[time])
+        expected = at_once.process(time, *measured)
+        solution = later.process(time, *measured)
+        of_itself = by_itself.process(time, *measured)
+        for name in ("position_rtn", "covariance_rtn", "position_chief_gcrf"):
+            np.testing.assert_array_equal(getattr(of_itself, name), getattr(solution, name))
+        later.learn()
+        if second < 30:
+            continue
+        assert (solution.solution, solution.ambiguities_fixed) == (
+            expected.solution,
+            expected.ambiguities_fixed,
+        )
+        sigma, sigma_expected = (
+            np.sqrt(np.diagonal(each.covariance_rtn)) for each in (solution, expected)
+        )
+        np.testing.assert_allclose(sigma, sigma_expected, rtol=0.1)
+        assert np.all(np.abs(solution.position_rtn - expected.position_rtn) < 0.1 * sigma[:3])
+    later.learns_later = False
+    at_once.reset()
+    later.reset()
+    for second in range(150, 180):
+        time = START + float(second)
+        measured = (scenario.chief[time], scenario.deputy[time])
+        np.testing.assert_array_equal(
+            later.process(time, *measured).covariance_rtn,
+            at_once.process(time, *measured).covariance_rtn,
+        )
+
+
 def test_thrust_is_checked():
     estimator = CdgpsEstimator(configuration())
     with pytest.raises(ValueError, match="three finite"):

@@ -46,6 +46,7 @@ from vtff_nav.relative.common.dynamics import (
     ThrustInterval,
 )
 from vtff_nav.relative.common.estimator_inputs import EstimatorInputs
+from vtff_nav.relative.common.later_work import LaterWork
 from vtff_nav.relative.common.measurements import (
     Geometry,
     SignalReader,
@@ -102,7 +103,8 @@ class CdgpsEstimator(EstimatorInputs):
         super().__init__(ephemerides)
         self.configuration = configuration or CdgpsConfiguration()
         self._motion = _motion(self.configuration)
-        self._absolute = AbsoluteFilter(self.configuration)
+        self._learning = LaterWork()
+        self._absolute = AbsoluteFilter(self.configuration, self._learning)
         self._signal_reader = SignalReader(
             self.configuration.measurement_noise, self.configuration.bands
         )
@@ -116,6 +118,7 @@ class CdgpsEstimator(EstimatorInputs):
     def reset(self) -> None:
         """Forget every estimate; keep the ephemerides."""
         self._forget_relative()
+        self._learning.forget()
         self._absolute.reset()
         self._time: GpsTime | None = None
         self._last_update: GpsTime | None = None
@@ -146,6 +149,7 @@ class CdgpsEstimator(EstimatorInputs):
         interval = 1.0 if self._time is None else time - self._time
         if not interval > 0.0:
             raise ValueError(f"time {time}: not after the epoch before, {self._time}")
+        self._learning.do()
         table = self._ephemeris_table(time)
         signals = [self._read_signals(epoch, table) for epoch in (chief, deputy)]
         if self._absolute.state is not None and self._time is not None:
@@ -159,6 +163,24 @@ class CdgpsEstimator(EstimatorInputs):
             return RelativeSolution.none(time, tuple(reasons), self._age(time))
         self._join_or_part()
         return self._update(time, interval, (chief, deputy), signals, table, laser)
+
+    @property
+    def learns_later(self) -> bool:
+        """Whether the noise is learnt after the solution of its epoch is there.
+
+        If so, the next `process` learns it, or `learn` before. A solution then leaves out what its
+        own epoch changes of the sigmas of errors, which those of the next epochs have.
+        """
+        return self._learning.is_put_off
+
+    @learns_later.setter
+    def learns_later(self, is_later: bool) -> None:
+        self._learning.do()
+        self._learning.is_put_off = is_later
+
+    def learn(self) -> None:
+        """Learn what the last epoch told of the noise, if that has been put off."""
+        self._learning.do()
 
     @property
     def _are_joint(self) -> bool:
@@ -272,7 +294,7 @@ class CdgpsEstimator(EstimatorInputs):
             noise = self.configuration.noise_relative.at_distance(norm(mean[:3]))
             covariance[6:, 6:] = np.diag(noise.sigma**2)
         clock = point.clock / SPEED_OF_LIGHT - self._absolute.clock
-        self._relative = RelativeFilter(self.configuration, mean, covariance, clock)
+        self._relative = RelativeFilter(self.configuration, mean, covariance, clock, self._learning)
         return []
 
     def prepare(self, time: GpsTime) -> None:

@@ -29,6 +29,7 @@ from vtff_nav.relative.cdgps.omitted_accelerations import omitted_share
 from vtff_nav.relative.cdgps.state import GaussianState, Innovation, Label
 from vtff_nav.relative.common.columns import are_all, is_any, with_columns
 from vtff_nav.relative.common.dynamics import DYNAMIC_STATES
+from vtff_nav.relative.common.later_work import LaterWork
 from vtff_nav.relative.common.measurements import Geometry, SignalTable
 from vtff_nav.relative.common.orbit_single_point import (
     Combinations,
@@ -92,10 +93,15 @@ class AbsoluteFilter:
     Parameters
     ----------
     configuration : CdgpsConfiguration
+    learning : LaterWork, optional
+        What is learnt of the noise for the next epochs; without it, it is learnt at once.
     """
 
-    def __init__(self, configuration: CdgpsConfiguration) -> None:
+    def __init__(
+        self, configuration: CdgpsConfiguration, learning: LaterWork | None = None
+    ) -> None:
         self._configuration = configuration
+        self._learning = learning or LaterWork()
         self._is_orbital = configuration.chief_motion == "orbital"
         self._mask = math.radians(configuration.elevation_mask_deg)
         self.reset()
@@ -361,7 +367,7 @@ class AbsoluteFilter:
         state.update(innovation)
         nuisance = innovation.nuisance_gain @ innovation.values
         self.clock += float(nuisance[0]) / SPEED_OF_LIGHT
-        self._learn_range_sigma()
+        self._learning.add(self._learn_range_sigma)
         if self._failures >= _RESTART_EPOCHS:
             self.reset()
 
@@ -396,8 +402,10 @@ class AbsoluteFilter:
         stated errors that happens to no more than its inverse of all flights, at any of their
         epochs (Ville 1939).
         """
-        state, labels = self.state, self._range_errors
-        assert state is not None
+        state = self.state
+        if state is None:  # given up since the epoch
+            return
+        labels = self._range_errors
         self._updates += 1
         if len(labels) < _FEWEST_RANGE_ERRORS or (
             self._updates > _UPDATES_OF_LEARNING and self._updates % _LEARNING_CYCLE
