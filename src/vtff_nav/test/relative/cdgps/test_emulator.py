@@ -25,6 +25,7 @@ from cdgps_test_support import (
 from cdgps_truth_support import longest_run, wrong_integers
 from scipy.stats import chi2
 
+from vtff_nav.relative.cdgps import estimator as estimator_module
 from vtff_nav.relative.cdgps.estimator import CdgpsEstimator
 from vtff_nav.relative.common.solution import (
     AMBIGUITY_FLOAT,
@@ -279,8 +280,10 @@ def test_nothing_to_begin_with(scenario):
     assert bare.process(START + 8.0, None, None).solution == SOLUTION_NONE
 
 
-def test_what_is_prepared_changes_no_result(scenario):
+@pytest.mark.parametrize("joint_distance", [0.0, np.inf])
+def test_what_is_prepared_changes_no_result(scenario, joint_distance, monkeypatch):
     """Also for an epoch that does not come, twice, and where thrust is told of afterwards."""
+    monkeypatch.setattr(estimator_module, "_JOINT_DISTANCE", joint_distance)
     random = np.random.default_rng(5)
     at_once, prepared = (CdgpsEstimator(configuration(), scenario.ephemerides) for _ in range(2))
     for second in range(60):

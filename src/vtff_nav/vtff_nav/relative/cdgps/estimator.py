@@ -9,9 +9,11 @@ Teunissen (1995) for the integers.
 
 from __future__ import annotations
 
-import dataclasses
+import copy
 import math
+import operator
 from collections.abc import Iterable
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -35,6 +37,7 @@ from vtff_nav.relative.cdgps.output import (
     differential_tec_table,
     relative_rtn,
 )
+from vtff_nav.relative.cdgps.state import GaussianState
 from vtff_nav.relative.common.antenna_correction import Attitudes
 from vtff_nav.relative.common.columns import are_all, with_columns
 from vtff_nav.relative.common.dynamics import (
@@ -65,6 +68,7 @@ from vtff_nav.relative.common.solution import (
 )
 from vtff_nav.relative.kernels.combinations import clock_from_codes
 from vtff_nav.relative.kernels.sky import move_over_ground
+from vtff_nav.relative.noise.acceleration import AccelerationMonitor
 
 __all__ = ["CdgpsEstimator"]
 
@@ -84,6 +88,31 @@ _CLOCK_TOLERANCE = 3e-7
 
 # Its other fields are those of a prediction.
 _NO_SOLUTION = RelativeSolution.none(GpsTime(0), ())
+
+
+@dataclass(frozen=True, eq=False)
+class _PredictionAhead:
+    """A prediction that was made before its epoch had come, and what it has replaced.
+
+    Parameters
+    ----------
+    end : GpsTime
+        Time of the epoch.
+    thrust : list of ThrustInterval
+        Thrust that it takes into account.
+    attitudes : tuple of BodyAttitude or None
+        Attitudes that it takes into account.
+    states : list of pair of GaussianState
+        Each state, and what it was before.
+    acceleration : AccelerationMonitor
+        The monitor of the chief's accelerations as it was before.
+    """
+
+    end: GpsTime
+    thrust: list[ThrustInterval]
+    attitudes: Attitudes
+    states: list[tuple[GaussianState, GaussianState]]
+    acceleration: AccelerationMonitor
 
 
 class CdgpsEstimator(EstimatorInputs):
@@ -111,7 +140,7 @@ class CdgpsEstimator(EstimatorInputs):
         self._mask_of_table: tuple[SatelliteTable, npt.NDArray[np.bool_]] | None = None
         self._table_in_view: tuple[SatelliteTable, npt.NDArray[np.bool_], SatelliteTable] | None
         self._table_in_view = None
-        self._predicted: tuple[tuple[object, ...], list[ThrustInterval], Prediction] | None = None
+        self._states_itrf: tuple[tuple[object, ...], FloatArray] | None = None
         self._relative: RelativeFilter | None = None
         self.reset()
 
@@ -121,6 +150,7 @@ class CdgpsEstimator(EstimatorInputs):
         self._learning.forget()
         self._absolute.reset()
         self._time: GpsTime | None = None
+        self._ahead: _PredictionAhead | None = None
         self._last_update: GpsTime | None = None
 
     def _forget_relative(self) -> None:
@@ -152,8 +182,9 @@ class CdgpsEstimator(EstimatorInputs):
         self._learning.do()
         table = self._ephemeris_table(time)
         signals = [self._read_signals(epoch, table) for epoch in (chief, deputy)]
-        if self._absolute.state is not None and self._time is not None:
-            self._predict(self._time, interval)
+        self._predict_until(time, is_ahead=False)
+        self._ahead = None
+        self._thrust = [each for each in self._thrust if each.end.nanoseconds > time.nanoseconds]
         self._time = time
         if self._is_outdated(time):
             self.reset()
@@ -211,7 +242,7 @@ class CdgpsEstimator(EstimatorInputs):
         """Have another a priori noise of the relative motion from now on."""
         assert self._relative is not None
         self._trusts_gravity = False
-        self._motion = _motion(dataclasses.replace(self.configuration, noise_relative=noise))
+        self._motion = _motion(replace(self.configuration, noise_relative=noise))
         self._relative.expect_accelerations(noise)
 
     def _is_outdated(self, time: GpsTime) -> bool:
@@ -298,18 +329,54 @@ class CdgpsEstimator(EstimatorInputs):
         return []
 
     def prepare(self, time: GpsTime) -> None:
-        """Predict the motion up to an epoch whose measurements have not all come yet.
+        """Predict the states of an epoch whose measurements have not all come yet.
 
         `process` then need not do it. What is told of thrust in between counts all the same.
         """
-        if self._absolute.state is not None and self._time is not None and time > self._time:
-            thrust = self._thrust_within(self._time, time)
-            self._predict_motion(self._time, time - self._time, thrust)
+        self._learning.do()
+        self._predict_until(time, is_ahead=True)
+        if self._ahead is not None and self._relative is not None:
+            self._centre_states_itrf(time)
+
+    def _predict_until(self, time: GpsTime, *, is_ahead: bool) -> None:
+        """Propagate both filters to an epoch, if that has not been done yet.
+
+        A prediction ahead of its epoch can be undone.
+        """
+        absolute, relative, ahead = self._absolute, self._relative, self._ahead
+        if absolute.state is None or self._time is None or not time > self._time:
+            return
+        thrust, attitudes = self._thrust_within(self._time, time), self._attitudes_at(time)
+        if ahead is not None:
+            is_same_thrust = list(map(id, ahead.thrust)) == list(map(id, thrust))
+            is_same_attitude = all(map(operator.is_, ahead.attitudes, attitudes))
+            if ahead.end == time and is_same_thrust and is_same_attitude:
+                return
+            self._go_back(ahead)
+        if is_ahead:
+            states = [absolute.state]
+            if relative is not None and not self._are_joint:
+                states.append(relative.state)
+            self._ahead = _PredictionAhead(
+                end=time,
+                thrust=thrust,
+                attitudes=attitudes,
+                states=[(state, state.copy()) for state in states],
+                acceleration=copy.copy(absolute.acceleration),
+            )
+        self._predict(self._time, time - self._time, thrust)
+
+    def _go_back(self, ahead: _PredictionAhead) -> None:
+        """Undo a prediction."""
+        for state, before in ahead.states:
+            state.restore(before)
+        self._absolute.acceleration = ahead.acceleration
+        self._ahead = None
 
     def _predict_motion(
         self, time: GpsTime, interval: float, thrust: list[ThrustInterval]
     ) -> Prediction:
-        """Return where the motion leads; the same object as long as nothing has changed."""
+        """Return where the motion leads."""
         absolute, relative = self._absolute, np.zeros(DYNAMIC_STATES)
         thrust_sigma, relative_factor = self.configuration.thrust_relative_sigma, 1.0
         if self._relative is not None:
@@ -317,22 +384,9 @@ class CdgpsEstimator(EstimatorInputs):
             thrust_sigma = self._relative.thrust_sigma
             relative_factor = self._relative.acceleration.factor
         factors = (absolute.acceleration.factor, relative_factor)
-        key = (
-            self._motion,
-            time,
-            interval,
-            absolute.mean.tobytes(),
-            relative.tobytes(),
-            [id(each) for each in thrust],  # which the prediction keeps, so that none returns
-            thrust_sigma,
-            factors,
+        return self._motion.predict(
+            time, interval, absolute.mean, relative, thrust, thrust_sigma, factors
         )
-        if self._predicted is None or self._predicted[0] != key:
-            predicted = self._motion.predict(
-                time, interval, absolute.mean, relative, thrust, thrust_sigma, factors
-            )
-            self._predicted = (key, thrust, predicted)
-        return self._predicted[2]
 
     def _thrust_within(self, begin: GpsTime, end: GpsTime) -> list[ThrustInterval]:
         """Return the thrust that acts between two times."""
@@ -343,14 +397,10 @@ class CdgpsEstimator(EstimatorInputs):
             if each.end.nanoseconds > first and each.start.nanoseconds < last
         ]
 
-    def _predict(self, time: GpsTime, interval: float) -> None:
+    def _predict(self, time: GpsTime, interval: float, thrust: list[ThrustInterval]) -> None:
         """Propagate both filters by an interval (s) that begins at `time`."""
         absolute, end = self._absolute, time + interval
-        thrust = self._thrust_within(time, end)
         predicted = self._predict_motion(time, interval, thrust)
-        if self._thrust:
-            finish = end.nanoseconds
-            self._thrust = [each for each in self._thrust if each.end.nanoseconds > finish]
         before = absolute.mean[:3].copy()
         absolute.predict(
             predicted.chief, predicted.transition_chief, predicted.noise_chief, interval
@@ -492,9 +542,7 @@ class CdgpsEstimator(EstimatorInputs):
         where the antennas are in the centres of mass.
         """
         assert self._relative is not None
-        chief = self._absolute.mean[:6]
-        deputy = chief + self._relative.state.mean[:6]
-        states = np.array([self._motion.state_itrf(time, state) for state in (chief, deputy)])
+        states = self._centre_states_itrf(time)
         antennas = self.configuration.antennas
         if antennas is None:
             return states, None
@@ -512,6 +560,20 @@ class CdgpsEstimator(EstimatorInputs):
         self._attitudes_used = attitudes
         to_navigation = self._motion.to_itrf(time).T
         return antennas.states_itrf(states, rotations), to_navigation @ rotations
+
+    def _centre_states_itrf(self, time: GpsTime) -> FloatArray:
+        """Return position and Earth-fixed velocity of both centres of mass, m and m/s, (2, 6).
+
+        They are the same object while the states stay.
+        """
+        assert self._relative is not None
+        chief = self._absolute.mean[:6]
+        deputy = chief + self._relative.state.mean[:6]
+        key = (time, chief.tobytes(), deputy.tobytes())
+        if self._states_itrf is None or self._states_itrf[0] != key:
+            states = [self._motion.state_itrf(time, state) for state in (chief, deputy)]
+            self._states_itrf = key, np.array(states)
+        return self._states_itrf[1]
 
     def _refer_to_antennas(
         self, signals: list[SignalTable | None], seen: Geometry, rotations: FloatArray | None
