@@ -35,7 +35,7 @@ from vtff_gnss.ephemeris import (
 from vtff_gnss.novatel import RangeSeries, ReceiverLogStream, read_log
 from vtff_gnss.novatel import message_ids as ids
 from vtff_gnss.novatel.definitions import MessageDecoder
-from vtff_gnss.novatel.framing import crc32_novatel
+from vtff_gnss.novatel.framing import Frame, crc32_novatel
 from vtff_gnss.novatel.message_ids import PAYLOAD_LAYOUTS
 from vtff_gnss.novatel.range.range_logs import RANGE_RECORD
 from vtff_gnss.novatel.solution_logs import (
@@ -47,6 +47,14 @@ from vtff_gnss.novatel.solution_logs import (
 from vtff_gnss.observations import OBSERVATION_COLUMNS, ObservationEpoch
 from vtff_gnss.orbits.lnav import SubframeError, decode_subframes
 from vtff_gnss.signals import carrier_wavelength, satellite_name
+
+
+class LogByLog(ReceiverLogStream):
+    """Decodes RANGE logs as logs of any other kind, not as a series."""
+
+    def _decode_frames(self, item):
+        frames = [item] if isinstance(item, Frame) else item.split()
+        return [event for frame in frames for event in self._decode(frame)]
 
 
 def header(milliseconds: float = 3.456e8, week: int = 2200) -> oem.Header:
@@ -281,7 +289,7 @@ def test_range_logs_decoded_together_are_what_they_are_one_by_one(data):
         milliseconds += data.draw(st.sampled_from([50, 50, 50, 0, 1000, -200]))
         frames.append(range_frame(records, milliseconds))
     raw_logs = data.draw(st.sampled_from(["none", "all"]))
-    together, one_by_one = (ReceiverLogStream(raw_logs=raw_logs) for _ in range(2))
+    together, one_by_one = (kind(raw_logs=raw_logs) for kind in (ReceiverLogStream, LogByLog))
     events = together.feed(b"".join(frames)) + together.close()
     assert events == [e for frame in frames for e in one_by_one.feed(frame)] + one_by_one.close()
     assert together.counters == one_by_one.counters
@@ -309,19 +317,27 @@ def test_whatever_bits_range_logs_have_they_are_decoded_together_as_one_by_one(s
         frames.append(
             range_frame(records, 345_600_000 + int(generator.integers(0, 3)) * 50 * index)
         )
-    together, one_by_one = ReceiverLogStream(), ReceiverLogStream()
+    together, one_by_one = ReceiverLogStream(), LogByLog()
     events = together.feed(b"".join(frames))
     assert events == [event for frame in frames for event in one_by_one.feed(frame)]
     assert together.counters == one_by_one.counters
-    (before,) = together.feed_series(frames[0])
-    assert not isinstance(before, RangeSeries)  # a log alone is an epoch
+
+
+def test_a_log_alone_is_a_series_unless_a_signal_is_there_twice():
+    records = range_records(3)
+    for twice in (False, True):
+        if twice:
+            records[1] = records[0]
+        (event,) = ReceiverLogStream().feed_series(range_frame(records, 345_600_000))
+        assert isinstance(event, ObservationEpoch if twice else RangeSeries)
+        assert twice or len(event) == 1
 
 
 @pytest.mark.parametrize("week", [15_249, 15_250, 65_535])
 def test_weeks_that_no_receiver_sees_are_decoded_together_as_one_by_one(week):
     payload = struct.pack("<I", 2) + range_records(2).tobytes()
     frames = [binary_frame(43, payload, 604_799_900 + 50 * k, week) for k in range(2)]
-    stream = ReceiverLogStream()
+    stream = LogByLog()
     assert events_of(b"".join(frames)) == [e for frame in frames for e in stream.feed(frame)]
 
 

@@ -46,8 +46,8 @@ def find_intact_frames(content: bytes, position: int) -> list[tuple[int, int, in
     -------
     list of (start, end, count)
         Consecutive RANGE logs of one length are one group of `count` frames; each other frame is a
-        group of its own. Empty if no intact frame is at the position; there may be more frames
-        than are returned.
+        group of its own, with a count of 0. Empty if no intact frame is at the position; there may
+        be more frames than are returned.
     """
     groups = np.empty((_GROUPS, 3), dtype=np.int64)
     count = _fill_groups(np.frombuffer(content, dtype=np.uint8), position, _LAYOUTS, groups)
@@ -64,7 +64,7 @@ def _fill_groups(content, position, layouts, groups):  # type: ignore[no-untyped
     position : int
     layouts : ndarray of int64, shape (logs, 4)
     groups : ndarray of int64, shape (most, 3)
-        Takes start, end and number of frames.
+        Takes start, end and number of RANGE logs.
     """
     size = len(content)
     count = 0
@@ -122,7 +122,7 @@ def _fill_groups(content, position, layouts, groups):  # type: ignore[no-untyped
                 break
             groups[count, 0] = position
             groups[count, 1] = position + length
-            groups[count, 2] = 1
+            groups[count, 2] = 1 if is_range else 0
             count += 1
         length_before = length if is_range else -1
         position += length

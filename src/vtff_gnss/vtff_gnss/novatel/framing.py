@@ -89,7 +89,7 @@ class Frame(NamedTuple):
 
 
 class RangeFrames(NamedTuple):
-    """Frames of some RANGE logs of one length that follow each other; their CRCs were right."""
+    """Frames of RANGE logs of one length that follow each other; their CRCs were right."""
 
     content: bytes
     number: int
@@ -225,11 +225,9 @@ class FrameScanner:
             for start, end, count in groups:
                 content = buffer[start:end]
                 frames.append(
-                    Frame(FrameFormat.BINARY, content)
-                    if count == 1
-                    else RangeFrames(content, count)
+                    RangeFrames(content, count) if count else Frame(FrameFormat.BINARY, content)
                 )
-                self._counters.frames_good += count
+                self._counters.frames_good += count or 1
             position = groups[-1][1]
         return position
 

@@ -7,6 +7,7 @@ from collections import deque
 from collections.abc import Iterable
 
 from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
+from vtff_dynamics.time.timescales import GpsTime
 from vtff_gnss.fix import ReceiverTime
 from vtff_gnss.novatel import Event, RangeSeries
 from vtff_gnss.observations import ObservationEpoch
@@ -51,8 +52,12 @@ class StreamStatistics:
     @property
     def newest_nanoseconds(self) -> int:
         """Unix time of the newest epoch; 0 before the first."""
-        epoch = self._newest_epoch()
-        return 0 if epoch is None else epoch.time.to_unix_nanoseconds()
+        newest = self._newest
+        if newest is None:
+            return 0
+        # The columns of a series are not needed here, which is asked for at each read.
+        time = GpsTime(newest.times[-1]) if isinstance(newest, RangeSeries) else newest.time
+        return time.to_unix_nanoseconds()
 
     def add(self, byte_count: int, events: Iterable[Event | RangeSeries]) -> None:
         """Add the bytes and events of one read; its epochs share the bytes evenly."""
