@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from std_msgs.msg import Header
 
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_gnss.ephemeris import BroadcastEphemeris, GlonassEphemeris
@@ -24,6 +25,7 @@ from vtff_msgs.msg import (
     Scintillation,
     SlantTec,
 )
+from vtff_node.message_bytes import message_of_fields
 from vtff_node.stamps import to_nanoseconds, to_stamp
 
 #: Frame of ephemerides and solutions: Earth-fixed, ITRF or WGS 84.
@@ -112,13 +114,16 @@ def glonass_ephemeris_from_message(message: GlonassEphemerisMessage) -> GlonassE
 
 def fix_to_message(fix: Fix) -> GnssFix:
     """Return the message of the receiver's own solution."""
-    message = GnssFix(
+    fields = {name: getattr(fix, name) for name in _FIX_FIELDS}
+    fields.update({name: np.array(fields[name], dtype=np.float64) for name in _VECTOR_FIELDS})
+    stamp = to_stamp(fix.time.to_unix_nanoseconds())
+    message: GnssFix = message_of_fields(
+        GnssFix,
+        header=message_of_fields(Header, stamp=stamp, frame_id=EARTH_FRAME),
         gps_week=fix.gps_week,
         gps_time_of_week=fix.gps_time_of_week,
-        **{name: getattr(fix, name) for name in _FIX_FIELDS},
+        **fields,
     )
-    message.header.stamp = to_stamp(fix.time.to_unix_nanoseconds())
-    message.header.frame_id = EARTH_FRAME
     return message
 
 
