@@ -550,13 +550,7 @@ class RelativeFilter:
                 )
             )
         if self.configuration.dynamics == "orbital" and not self.scatter.is_common:
-            distance = norm(state.mean[:3])
-            self.acceleration.learn(state.mean, state.covariance, distance, interval)
-            waves = self._quiet_waves(measured)
-            # Ambiguities that are not known yet take up waves.
-            if waves and self.arcs.has_integers():
-                variances = np.diagonal(state.covariance)[waves]
-                self._waves.learn(state.mean[waves], variances, distance, interval)
+            self._learning.add(functools.partial(self._learn_processes, measured, interval))
         update = Update(measured, sky, innovation, excluded, degraded)
         update.has_failed = self._has_failed(innovation)
         self._epochs_without_fix = max(self._epochs_without_fix - 1, 0)
@@ -788,6 +782,17 @@ class RelativeFilter:
         self._follow_slow_phase(self.noise.phase.slow)
         if self.configuration.has_plasma and self.configuration.plasma_shell_heights:
             self._learn_gradients()
+
+    def _learn_processes(self, measured: SingleDifferences, interval: float) -> None:
+        """Learn from the state how large accelerations and waves of the plasma are in orbit."""
+        state = self.state
+        distance = norm(state.mean[:3])
+        self.acceleration.learn(state.mean, state.covariance, distance, interval)
+        waves = self._quiet_waves(measured)
+        # Ambiguities that are not known yet take up waves.
+        if waves and self.arcs.has_integers():
+            variances = np.diagonal(state.covariance)[waves]
+            self._waves.learn(state.mean[waves], variances, distance, interval)
 
     def _quiet_waves(self, measured: SingleDifferences) -> list[int]:
         """Return the columns of waves in rays that do not scintillate, which is no wave."""
