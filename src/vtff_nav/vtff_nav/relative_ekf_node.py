@@ -393,6 +393,8 @@ class RelativeEkfNode(VtffNode):
     for, and attitude of each whose attitude frame is "estimated". Publishes once an epoch
     relative_state (RelativeState, m and m/s in the chief's RTN frame), ambiguities
     (AmbiguityStatus) and differential_tec (SlantTec, TECU).
+    In real time ambiguities and differential_tec follow relative_state after `COMMAND_TIME`: until
+    then the processor belongs to the nodes that make a command of the state.
     Every epoch of /clock is answered: without measurements by a prediction, before the filter has
     started by SOLUTION_NONE. An estimator that fails, is too slow or answers with something
     unusable is named, its solution is SOLUTION_NONE and the node ends.
