@@ -6,6 +6,7 @@ import math
 import pathlib
 from collections.abc import Iterator
 
+import numpy as np
 import pytest
 
 rclpy = pytest.importorskip("rclpy", reason="ROS 2 is not installed")
@@ -15,7 +16,13 @@ from node_bench import NodeBench  # noqa: E402
 from rclpy.parameter import Parameter  # noqa: E402
 from rosgraph_msgs.msg import Clock  # noqa: E402
 
+from vtff_dynamics.time.timescales import GpsTime  # noqa: E402
 from vtff_msgs.msg import RelativeState  # noqa: E402
+from vtff_nav.relative.common.solution import (  # noqa: E402
+    _SHAPES,
+    SOLUTION_PREDICTED,
+    RelativeSolution,
+)
 from vtff_nav.relative.shipped_estimators import make_cdgps  # noqa: E402
 from vtff_nav.relative_ekf_node import (  # noqa: E402
     RelativeEkfNode,
@@ -69,6 +76,91 @@ def test_thrust_that_is_not_finite_is_refused(bench: Bench):
     bench.clock.publish(Clock(clock=to_stamp(EPOCH + 3 * SECOND)))
     bench.spin_until(lambda: bool(bench.states))
     assert bench.states[0].solution == RelativeState.SOLUTION_NONE
+
+
+class LoggedEstimator:
+    """Predicts a fixed state, and notes what it is asked for."""
+
+    learns_later = False
+
+    def __init__(self, log: list[str], *, fails: bool = False) -> None:
+        self._log = log
+        self._fails = fails
+
+    def process(self, time: GpsTime, *_measured: object) -> RelativeSolution:
+        self._log.append("process")
+        zeros = {name: np.zeros(shape) for name, shape in _SHAPES.items()}
+        return RelativeSolution(time=time, solution=SOLUTION_PREDICTED, **zeros)
+
+    def learn(self) -> None:
+        self._log.append("learn")
+        if self._fails:
+            raise ValueError("learning failed")
+
+    def reset(self) -> None:
+        self._log.append("reset")
+
+
+def logged_bench(
+    context: rclpy.Context, *, fails: bool = False, **parameters: object
+) -> tuple[Bench, list[str]]:
+    """Return a node with that estimator, and the list of what is done in it."""
+    bench = Bench(context, patience=0.01, **parameters)
+    log: list[str] = []
+    node = bench.node
+    node._estimator = LoggedEstimator(log, fails=fails)
+    for name in ("state", "ambiguity", "tec"):
+        publisher = getattr(node, f"_{name}_publisher")
+
+        def publish(message, name=name, publish=publisher.publish):
+            log.append(name)
+            publish(message)
+
+        publisher.publish = publish
+    return bench, log
+
+
+def test_in_real_time_only_the_state_comes_before_the_command(ros_context):
+    """Nothing is lost: an epoch, or the end of the node, finishes the epoch before."""
+    bench, log = logged_bench(ros_context)
+    later = ["ambiguity", "tec", "learn"]
+    try:
+        for second in range(2):
+            bench.clock.publish(Clock(clock=to_stamp(EPOCH + second * SECOND)))
+            bench.spin_until(lambda: log[-1:] == ["learn"])
+            assert log == ["process", "state", *later]
+            log.clear()
+        bench.node._unfinished_until = math.inf
+        for second in (2, 3):  # at once, as after a pause of the process
+            bench.node._on_clock(Clock(clock=to_stamp(EPOCH + second * SECOND)))
+        bench.spin_until(lambda: log.count("state") == 2)
+        assert log[:5] == ["process", "state", *later]
+        bench.node.on_stop()
+        assert log[5:] == ["process", "state", *later]
+    finally:
+        bench.close()
+
+
+def test_in_lockstep_all_of_an_epoch_comes_at_once(ros_context):
+    bench, log = logged_bench(ros_context, lockstep=True)
+    try:
+        bench.node._on_clock(Clock(clock=to_stamp(EPOCH)))
+        bench.spin_until(lambda: log[-1:] == ["tec"])
+        assert log == ["process", "state", "ambiguity", "tec"]
+    finally:
+        bench.close()
+
+
+def test_an_estimator_that_fails_to_learn_ends_the_node_in_order(ros_context):
+    bench, log = logged_bench(ros_context, fails=True)
+    try:
+        bench.node._on_clock(Clock(clock=to_stamp(EPOCH)))
+        bench.spin_until(lambda: bench.node.finished)
+        assert bench.node.exit_code == 1 and "learning failed" in bench.node.problem
+        bench.spin_until(lambda: len(bench.states) == 2)
+        assert bench.states[-1].solution == RelativeState.SOLUTION_NONE
+    finally:
+        bench.close()
 
 
 def test_integrator_reaches_the_filter():
