@@ -325,6 +325,7 @@ class FormationSafetyNode(VtffNode):
                 self._command_publishers[name].publish(command)
         self._publish(stamp, result)
         self.acknowledge_step(header_stamp, started)
+        self._safety.prepare_next()
 
     def _thrust_input(self, name: str, stamp: int, pending: _Pending) -> SpacecraftInput:
         """Return what is reported of a spacecraft's thrust at a step, and commanded."""

@@ -36,6 +36,7 @@ from vtff_control.safety.prediction import (
     PairPrediction,
     predict_chief_motion,
 )
+from vtff_control.safety.step_flight import advance_deputy, fly_chief
 from vtff_control.safety.thrust_monitor import (
     ThrustDifference,
     ThrustMonitor,
@@ -43,12 +44,9 @@ from vtff_control.safety.thrust_monitor import (
     describe_fault,
 )
 from vtff_dynamics.constants import GM_EARTH
-from vtff_dynamics.frames.rtn import deputy_state_gcrf, relative_state_rtn, rotation_gcrf_to_rtn
 from vtff_dynamics.orbit.elements import osculating_mean_motion
-from vtff_dynamics.orbit.free_flight import add_thrust
-from vtff_dynamics.orbit.gravity import predict_state
 from vtff_dynamics.relative.motion import hcw_transition_matrix
-from vtff_dynamics.vectors import FloatArray
+from vtff_dynamics.vectors import FloatArray, norm
 
 __all__ = [
     "MODE_EVADE",
@@ -81,6 +79,7 @@ _SOON = 60.0  # s
 _THRUSTER_WATCH = 3.0  # s: a thruster ends its thrust 2 s after the last command; and a step
 _REPORT_FLOOR = 0.02  # of the cap: difference of report and command that is not looked at
 _HYSTERESIS = 0.25  # of the margin; and in sigma
+_NO_THRUST = np.zeros(3)
 
 
 @dataclass(frozen=True)
@@ -198,6 +197,9 @@ class SpacecraftInput:
     is_predicted: bool = False
 
 
+_NOTHING_KNOWN = SpacecraftInput()
+
+
 @dataclass(frozen=True, eq=False)
 class SpacecraftDecision:
     """What happens to the command of a spacecraft.
@@ -237,7 +239,7 @@ class _Thruster:
     unreported: FloatArray = field(default_factory=lambda: np.zeros(3))
     last_report: FloatArray = field(default_factory=lambda: np.zeros(3))
     steps_without_report: int = 0
-    expected: list[FloatArray] = field(default_factory=list)
+    expected: list[list[float]] = field(default_factory=list)
     reason: str = ""
     isolated: np.ndarray[tuple[int], np.dtype[np.bool_]] = field(
         default_factory=lambda: np.zeros(3, dtype=bool)
@@ -264,9 +266,10 @@ class _Track(_Thruster):
     monitor: ThrustMonitor = field(kw_only=True)
     relative: FloatArray | None = None
     covariance: FloatArray = field(default_factory=lambda: np.zeros((6, 6)))
-    # By the errors of the reported thrust of deputy and chief, and by thrust that nobody reports.
-    thrust_effect: FloatArray = field(default_factory=lambda: np.zeros((6, 18)))
-    unreported_effect: FloatArray = field(default_factory=lambda: np.zeros((6, 6)))
+    # By the errors of the reported thrust of deputy and chief, (6, 18), and by thrust that nobody
+    # reports, (6, 6); None where there is none.
+    thrust_effect: FloatArray | None = None
+    unreported_effect: FloatArray | None = None
     passive_steps: int = 0
     missing_steps: int = 0
     way_out: int | None = None  # number of the manoeuvre that was found to be one
@@ -287,13 +290,14 @@ class _Prepared(NamedTuple):
 
     motion: ChiefMotion
     position_covariances: list[FloatArray]
-    steps: list[FloatArray]
+    steps: FloatArray
 
 
 class FormationSafety:
     """Safety monitor of a chief and its deputies; call `step` once a step.
 
-    Or, where commands come later than states, `take_states` and then `decide`.
+    Or, where commands come later than states, `take_states`, then `decide`, and `prepare_next` when
+    the commands are on their way.
 
     Parameters
     ----------
@@ -334,6 +338,10 @@ class FormationSafety:
         self._chief_thrusts = chief_thrusts
         self._chief: FloatArray | None = None
         self._prepared: _Prepared | None = None
+        self._is_next_prepared = False
+        # Covariance of the errors of positions that covariances do not contain.
+        self._covariance_floor = np.zeros((6, 6))
+        self._covariance_floor[:3, :3] = setting.navigation_sigma**2 * np.eye(3)
 
     def reset(self, spacecraft: str | None = None) -> None:
         """Give a spacecraft, or all, back to the controllers, and forget what was isolated.
@@ -371,11 +379,25 @@ class FormationSafety:
         inputs
             As for `step`; reports and commands are not looked at.
         """
+        if not self._is_next_prepared:
+            self.prepare_next()
+        self._is_next_prepared = False
         self._watch_states(inputs)
         self._prepared = None
         if self._chief is not None and not self._chief_thrusts:
             # A chief that never thrusts goes where no command leads it.
             self._prepared = self._predict_about(self._chief_steps({}, with_command=True))
+
+    def prepare_next(self) -> None:
+        """Work ahead for the step after one that is decided; `take_states` does it if nobody has.
+
+        What was reported is known now: where it should have led to is compared with the next state.
+        """
+        chief = self._chief_thruster
+        for track in self._tracks.values():
+            unreported = track.unreported + chief.unreported
+            track.monitor.carry(track.reported, unreported, chief.reported)
+        self._is_next_prepared = True
 
     def decide(self, inputs: Mapping[str, SpacecraftInput]) -> SafetyStep:
         """Decide about the commands of the step whose states were taken last.
@@ -386,9 +408,9 @@ class FormationSafety:
             As for `step`; states are not looked at.
         """
         for name, track in self._tracks.items():
-            self._take_report(track, inputs.get(name, SpacecraftInput()))
+            self._take_report(track, inputs.get(name, _NOTHING_KNOWN))
         if self._chief_thrusts:
-            self._take_report(self._chief_thruster, inputs.get(self._names[0], SpacecraftInput()))
+            self._take_report(self._chief_thruster, inputs.get(self._names[0], _NOTHING_KNOWN))
         if self._chief is None:
             # Nothing has been navigated yet: there is nothing to judge by.
             reason = "not judged: no navigation yet"
@@ -409,13 +431,13 @@ class FormationSafety:
         pairs = self._pairs(motion, self._setting.bounds) if known else []
         decisions = {}
         for name, track in self._tracks.items():
-            given = inputs.get(name, SpacecraftInput())
+            given = inputs.get(name, _NOTHING_KNOWN)
             decisions[name] = self._decide(name, track, given, motion, pairs)
             self._expect(track, given, decisions[name])
         if self._chief_thrusts:
             name_chief = self._names[0]
             decisions[name_chief] = self._decide_chief(decisions, pairs)
-            given = inputs.get(name_chief, SpacecraftInput())
+            given = inputs.get(name_chief, _NOTHING_KNOWN)
             self._expect(self._chief_thruster, given, decisions[name_chief])
         return SafetyStep(decisions, pairs)
 
@@ -432,18 +454,14 @@ class FormationSafety:
     def _watch_states(self, inputs: Mapping[str, SpacecraftInput]) -> None:
         """Take what is navigated, predict what is not, and watch the thrusters."""
         step = self._setting.step
-        # Each deputy knows the chief a little differently: the first in order counts, not the first
-        # that came.
-        ordered = (inputs.get(name, SpacecraftInput()) for name in self._tracks)
-        chiefs = (given.state_chief_gcrf for given in ordered if given.relative_rtn is not None)
         previous_chief = self._chief
-        thrust_chief = self._chief_thruster.reported
-        self._chief = next((chief for chief in chiefs if chief is not None), None)
+        self._chief = self._navigated_chief(inputs)
         if self._chief is None and previous_chief is not None:
-            self._chief = _fly(previous_chief, previous_chief, thrust_chief, step)
+            thrust_chief = self._chief_thruster.reported
+            self._chief = fly_chief(previous_chief, thrust_chief[np.newaxis], step)[1]
         found = {}
         for name, track in self._tracks.items():
-            given = inputs.get(name, SpacecraftInput())
+            given = inputs.get(name, _NOTHING_KNOWN)
             if previous_chief is not None:
                 self._grow_unreported(track, previous_chief)
             is_informative = self._is_informative(given)
@@ -453,24 +471,31 @@ class FormationSafety:
                 assert given.relative_rtn is not None and self._chief is not None
                 covariance = given.covariance_rtn
                 track.covariance = np.zeros((6, 6)) if covariance is None else covariance
-                track.thrust_effect = np.zeros((6, 18))
+                track.thrust_effect = None
                 if not given.is_predicted:  # a measurement contains what the thruster gave
-                    track.unreported_effect = np.zeros((6, 6))
+                    track.unreported_effect = None
                 track.relative = given.relative_rtn
                 difference = track.monitor.update(
-                    self._chief,
-                    track.relative,
-                    track.covariance,
-                    track.reported,
-                    track.unreported + self._chief_thruster.unreported,
-                    given.is_predicted,
-                    thrust_chief,
+                    self._chief, track.relative, track.covariance, given.is_predicted
                 )
                 if difference is not None:
                     found[name] = difference
             else:
                 track.monitor.reset()
-        self._accuse(found)
+        if found:
+            self._accuse(found)
+
+    def _navigated_chief(self, inputs: Mapping[str, SpacecraftInput]) -> FloatArray | None:
+        """Return the chief as the first deputy that is navigated knows it; None if none is.
+
+        Each deputy knows it a little differently: the first in order counts, not the first that
+        came.
+        """
+        for name in self._tracks:
+            given = inputs.get(name, _NOTHING_KNOWN)
+            if given.relative_rtn is not None and given.state_chief_gcrf is not None:
+                return given.state_chief_gcrf
+        return None
 
     def _accuse(self, found: Mapping[str, ThrustDifference]) -> None:
         """Isolate the axes of thrusters that do not do what they report."""
@@ -505,22 +530,25 @@ class FormationSafety:
         assert track.relative is not None
         thrust, thrust_chief = track.reported, self._chief_thruster.reported
         step = self._setting.step
-        chief_after = _fly(chief, chief, thrust_chief, step)
-        track.relative = _advance(track.relative, chief, chief_after, thrust, step)
+        chief_after = fly_chief(chief, thrust_chief[np.newaxis], step)[1]
+        track.relative = advance_deputy(track.relative, chief, chief_after, thrust, step)
         transition, push = self._step_matrices(chief)
         track.covariance = transition @ track.covariance @ transition.T
         pushes = np.kron(np.eye(3), np.concatenate((thrust, thrust_chief)))
-        track.thrust_effect = transition @ track.thrust_effect + push @ pushes
+        effect = np.zeros((6, 18)) if track.thrust_effect is None else track.thrust_effect
+        track.thrust_effect = transition @ effect + push @ pushes
 
     def _grow_unreported(self, track: _Track, chief: FloatArray) -> None:
         """Carry the effect of thrust that nobody reported over a step."""
         unreported_chief = self._chief_thruster.unreported
-        if not (track.unreported.any() or unreported_chief.any() or track.unreported_effect.any()):
-            return
+        before = track.unreported_effect
+        if before is None:
+            if not any(track.unreported.tolist()) and not any(unreported_chief.tolist()):
+                return
+            before = np.zeros((6, 6))
         transition, push = self._step_matrices(chief)
         effect = np.hstack((push * track.unreported, push * unreported_chief))
-        before = transition @ track.unreported_effect @ transition.T
-        track.unreported_effect = before + effect @ effect.T
+        track.unreported_effect = transition @ before @ transition.T + effect @ effect.T
 
     def _step_matrices(self, chief: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the matrices (6, 6) and (6, 3) of state and acceleration over a step."""
@@ -538,17 +566,29 @@ class FormationSafety:
             return False
         if given.covariance_rtn is None:
             return True
-        gap = float(np.linalg.norm(given.relative_rtn[:3])) - self._setting.hard_radius
-        error = _error_after(self._setting.escape_horizon, given.covariance_rtn)
-        return self._setting.bounds.clear_sigmas * error < gap
+        setting = self._setting
+        gap = norm(given.relative_rtn[:3]) - setting.hard_radius
+        sigmas, horizon = setting.bounds.clear_sigmas, setting.escape_horizon
+        if sigmas * _largest_error_after(horizon, given.covariance_rtn) < gap:
+            return True
+        return sigmas * _error_after(horizon, given.covariance_rtn) < gap
 
     def _is_better(self, track: _Track, given: SpacecraftInput) -> bool:
         """Return whether a poor state is still better than the prediction from the last one."""
         if given.relative_rtn is None or given.covariance_rtn is None or track.relative is None:
             return False
-        thrust = self._setting.thrust_sigma**2 * track.thrust_effect @ track.thrust_effect.T
-        predicted = track.covariance + thrust + track.unreported_effect
+        predicted = self._covariance(track)
         return _error_after(_SOON, given.covariance_rtn) <= _error_after(_SOON, predicted)
+
+    def _covariance(self, track: _Track) -> FloatArray:
+        """Return the covariance of a deputy's relative state with what predictions add to it."""
+        covariance = track.covariance
+        if track.thrust_effect is not None:
+            thrust = self._setting.thrust_sigma**2 * track.thrust_effect @ track.thrust_effect.T
+            covariance = covariance + thrust
+        if track.unreported_effect is not None:
+            covariance = covariance + track.unreported_effect
+        return covariance
 
     def _take_report(self, track: _Thruster, given: SpacecraftInput) -> None:
         """Take the report of a step; without one, what the thruster may give in it.
@@ -559,7 +599,7 @@ class FormationSafety:
         cap = self._setting.acceleration_cap
         told = None
         if len(track.expected) >= max(self._setting.delay_steps, 1):
-            told = np.clip(track.expected.pop(0), -cap, cap)
+            told = [min(max(value, -cap), cap) for value in track.expected.pop(0)]
         if given.reported_rtn is not None:
             track.reported = track.last_report = given.reported_rtn
             track.unreported = np.zeros(3)
@@ -570,24 +610,25 @@ class FormationSafety:
         track.steps_without_report += 1
         possible = [np.zeros(3)]
         if told is not None:
-            possible.append(told)
+            possible.append(np.array(told))
         if track.steps_without_report * self._setting.step <= _THRUSTER_WATCH:
             possible.append(track.last_report)
         low, high = np.min(possible, axis=0), np.max(possible, axis=0)
         track.reported, track.unreported = 0.5 * (low + high), 0.5 * (high - low)
 
-    def _compare_report(self, track: _Thruster, reported_rtn: FloatArray, told: FloatArray) -> None:
+    def _compare_report(
+        self, track: _Thruster, reported_rtn: FloatArray, told: Sequence[float]
+    ) -> None:
         """Look whether the thruster reports more than it was told."""
         cap = self._setting.acceleration_cap
-        wanted = np.abs(told).tolist()
-        # In the direction of the command, up to its size; against it, nothing.
-        along = np.where(told >= 0.0, reported_rtn, -reported_rtn).tolist()
         # Half the smallest thrust on each of three axes, along one of the orbit.
         floor = max(_REPORT_FLOOR * cap, 0.5 * math.sqrt(3.0) * self._setting.smallest_thrust)
         over, weak = [False] * 3, [False] * 3
-        for axis in range(3):
-            over[axis] = along[axis] > 1.1 * wanted[axis] + floor or along[axis] < -floor
-            is_under = along[axis] < 0.5 * wanted[axis] - floor
+        for axis, (reported, command) in enumerate(zip(reported_rtn.tolist(), told, strict=True)):
+            # In the direction of the command, up to its size; against it, nothing.
+            along, wanted = reported if command >= 0.0 else -reported, abs(command)
+            over[axis] = along > 1.1 * wanted + floor or along < -floor
+            is_under = along < 0.5 * wanted - floor
             track.weak_steps[axis] = track.weak_steps[axis] + 1 if is_under else 0
             weak[axis] = track.weak_steps[axis] >= _WEAK_STEPS
         for axes, text in (
@@ -602,10 +643,14 @@ class FormationSafety:
         self, track: _Thruster, given: SpacecraftInput, decision: SpacecraftDecision
     ) -> None:
         """Keep what the thruster is told, for comparison with its report."""
+        if not self._setting.delay_steps:
+            return
         command = given.command_rtn if decision.command_rtn is None else decision.command_rtn
-        wanted = np.zeros(3) if command is None else np.where(decision.isolated, 0.0, command)
-        if self._setting.delay_steps:
-            track.expected.append(wanted)
+        wanted = [0.0] * 3 if command is None else command.tolist()
+        isolated = decision.isolated.tolist()
+        track.expected.append(
+            [0.0 if is_it else value for value, is_it in zip(wanted, isolated, strict=True)]
+        )
 
     def _thrusts(
         self, name: str, inputs: Mapping[str, SpacecraftInput], with_command: bool
@@ -613,56 +658,45 @@ class FormationSafety:
         """Return the thrust in each step until a command starts, or ends, to act."""
         cap, delay_steps = self._setting.acceleration_cap, self._setting.delay_steps
         thruster = self._tracks.get(name, self._chief_thruster)
-        command = inputs.get(name, SpacecraftInput()).command_rtn
-        wanted = np.zeros(3)
-        if command is not None and not thruster.reason:
-            wanted = np.clip(command, -cap, cap)
-        reported = [thruster.reported, *([np.zeros(3)] * (delay_steps - 1))][:delay_steps]
-        return [*reported, wanted] if with_command else reported
+        reported = [thruster.reported, *([_NO_THRUST] * (delay_steps - 1))][:delay_steps]
+        if not with_command:
+            return reported
+        command = inputs.get(name, _NOTHING_KNOWN).command_rtn
+        if command is None or thruster.reason:
+            return [*reported, _NO_THRUST]
+        return [*reported, np.minimum(np.maximum(command, -cap), cap)]
 
-    def _chief_steps(
-        self, inputs: Mapping[str, SpacecraftInput], with_command: bool
-    ) -> list[FloatArray]:
+    def _chief_steps(self, inputs: Mapping[str, SpacecraftInput], with_command: bool) -> FloatArray:
         """Return the chief of now, and after each step until a command starts, or ends, to act."""
         assert self._chief is not None
-        steps = [self._chief]
-        for thrust in self._thrusts(self._names[0], inputs, with_command):
-            steps.append(_fly(steps[-1], steps[-1], thrust, self._setting.step))
-        return steps
+        thrusts = self._thrusts(self._names[0], inputs, with_command)
+        return fly_chief(self._chief, np.array(thrusts).reshape(-1, 3), self._setting.step)
 
     def _states_after(
         self,
         known: Sequence[str],
         inputs: Mapping[str, SpacecraftInput],
-        chief_steps: Sequence[FloatArray],
+        chief_steps: FloatArray,
         with_command: bool,
     ) -> list[FloatArray]:
         """Return the deputies when a command of now starts, or ends, to act."""
-        states = []
+        states, step = [], self._setting.step
         for name in known:
             relative = self._tracks[name].relative
             assert relative is not None
-            for thrust, chief, after in zip(
-                self._thrusts(name, inputs, with_command),
-                chief_steps[:-1],
-                chief_steps[1:],
-                strict=True,
-            ):
-                relative = _advance(relative, chief, after, thrust, self._setting.step)
+            for number, thrust in enumerate(self._thrusts(name, inputs, with_command)):
+                relative = advance_deputy(
+                    relative, chief_steps[number], chief_steps[number + 1], thrust, step
+                )
             states.append(relative)
         return states
 
-    def _predict_about(self, steps: list[FloatArray]) -> _Prepared:
+    def _predict_about(self, steps: FloatArray) -> _Prepared:
         """Return the motion of a chief after steps, and the covariances of the known deputies."""
-        setting = self._setting
-        floor = np.zeros((6, 6))
-        floor[:3, :3] = setting.navigation_sigma**2 * np.eye(3)
-        motion = predict_chief_motion(steps[-1], setting.orbits)
+        motion = predict_chief_motion(steps[-1], self._setting.orbits)
         covariances = []
         for name in self._known_names():
-            track = self._tracks[name]
-            thrust = setting.thrust_sigma**2 * track.thrust_effect @ track.thrust_effect.T
-            covariance = track.covariance + thrust + track.unreported_effect + floor
+            covariance = self._covariance(self._tracks[name]) + self._covariance_floor
             covariances.append(motion.position_covariances(covariance))
         return _Prepared(motion, covariances, steps)
 
@@ -688,7 +722,7 @@ class FormationSafety:
     ) -> SpacecraftDecision:
         command = given.command_rtn
         if command is not None:
-            track.passive_steps = 0 if np.any(command) else track.passive_steps + 1
+            track.passive_steps = 0 if any(command.tolist()) else track.passive_steps + 1
         track.missing_steps = track.missing_steps + 1 if command is None else 0
         if track.relative is None:
             if track.reason:  # a thruster was isolated before anything was navigated
@@ -699,10 +733,8 @@ class FormationSafety:
             return SpacecraftDecision(MODE_MONITOR, None, track.isolated.copy(), reason)
         watched = ""
         if not track.reason:
-            worst = min(
-                (pair for pair in pairs if name in (pair.first, pair.second)),
-                key=lambda pair: pair.violation_time,
-            )
+            own = [pair for pair in pairs if name in (pair.first, pair.second)]
+            worst = min(own, key=lambda pair: pair.violation_time)
             if math.isfinite(worst.violation_time):
                 watched = _describe_pair(worst)
                 track.reason = self._reason_to_take_over(name, track, motion, worst, watched)
@@ -816,32 +848,29 @@ class FormationSafety:
         return np.asarray(wanted / duration)
 
 
-def _advance(
-    relative: FloatArray,
-    chief: FloatArray,
-    chief_after: FloatArray,
-    acceleration_rtn: FloatArray,
-    step: float,
-) -> FloatArray:
-    """Return the relative state after a step with constant thrust; the chief is there already."""
-    deputy = _fly(deputy_state_gcrf(chief, relative), chief, acceleration_rtn, step)
-    return relative_state_rtn(chief_after, deputy)
-
-
-def _fly(
-    state: FloatArray, chief: FloatArray, acceleration_rtn: FloatArray, step: float
-) -> FloatArray:
-    """Return a state in GCRF after a step with constant thrust in the chief's axes."""
-    after = predict_state(state, step)
-    add_thrust(after, rotation_gcrf_to_rtn(chief).T @ acceleration_rtn, step)
-    return after
-
-
 def _error_after(seconds: float, covariance: FloatArray) -> float:
     """Return the sigma that a position has after a time, in its worst direction, about, m."""
     position = float(np.linalg.eigvalsh(covariance[:3, :3])[-1])
     velocity = float(np.linalg.eigvalsh(covariance[3:, 3:])[-1])
     return math.sqrt(max(position, 0.0)) + seconds * math.sqrt(max(velocity, 0.0))
+
+
+def _largest_error_after(seconds: float, covariance: FloatArray) -> float:
+    """Return what `_error_after` does not exceed, without eigenvalues, whose cost is a tenth, m."""
+    rows = covariance.tolist()
+    position, velocity = _frobenius_norm(rows, 0), _frobenius_norm(rows, 3)
+    # More than what rounding adds to eigenvalues.
+    return (1.0 + 1e-9) * (math.sqrt(position) + seconds * math.sqrt(velocity))
+
+
+def _frobenius_norm(rows: Sequence[Sequence[float]], first: int) -> float:
+    """Return the Frobenius norm of three rows and columns, which no eigenvalue exceeds.
+
+    As `numpy.linalg.eigvalsh` takes a symmetric matrix it takes the lower triangle.
+    """
+    a, b, c = rows[first][first], rows[first + 1][first + 1], rows[first + 2][first + 2]
+    d, e, f = rows[first + 1][first], rows[first + 2][first], rows[first + 2][first + 1]
+    return math.sqrt(a * a + b * b + c * c + 2.0 * (d * d + e * e + f * f))
 
 
 def compile_kernels(setting: SafetySetting) -> float:
@@ -863,7 +892,7 @@ def compile_kernels(setting: SafetySetting) -> float:
     covariance = 1e-4 * np.eye(6)
     safety = FormationSafety("chief", ("deputy",), setting)
     heard = SpacecraftInput(state, covariance, chief, np.zeros(3), np.zeros(3))
-    for values in (heard, SpacecraftInput(reported_rtn=np.zeros(3))):
+    for values in (heard, heard, SpacecraftInput(reported_rtn=np.zeros(3))):
         safety.step({"deputy": values})
     return time.perf_counter() - begin
 

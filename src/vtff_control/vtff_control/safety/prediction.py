@@ -26,11 +26,11 @@ from vtff_control.safety.probability import (
     instantaneous_probability,
     sigma_bound_probability,
 )
+from vtff_control.safety.step_flight import write_axes, write_deputy_state
 from vtff_dynamics.compiled import compiled
-from vtff_dynamics.constants import GM_EARTH
-from vtff_dynamics.frames.rtn import deputy_state_gcrf, rotation_gcrf_to_rtn
-from vtff_dynamics.orbit.free_flight import free_flight
-from vtff_dynamics.vectors import FloatArray, cross, skew
+from vtff_dynamics.constants import GM_EARTH, J2_EARTH, RADIUS_EARTH_JGM3
+from vtff_dynamics.orbit.free_flight import fly_states
+from vtff_dynamics.vectors import FloatArray
 
 __all__ = [
     "ChiefMotion",
@@ -43,6 +43,7 @@ __all__ = [
     "sigmas_outside",
 ]
 
+_OBLATENESS = 1.5 * J2_EARTH * RADIUS_EARTH_JGM3**2  # m2
 _DISPLACEMENTS = np.array([10.0] * 3 + [0.01] * 3)  # m and m/s
 _CERTAIN = 8.0  # sigma: a probability beyond is given as its bound, 6e-16
 _SHORT_ENCOUNTER = 0.02  # of an orbit: a fly-by that lasts longer is not straight
@@ -50,44 +51,106 @@ _SHORT_ENCOUNTER = 0.02  # of an orbit: a fly-by that lasts longer is not straig
 
 def prediction_times(period: float, orbits: float) -> FloatArray:
     """Return the moments of a prediction, s: every 2 s, 10 s after a minute, 30 s after ten."""
+    return _times_with_end(math.ceil((max(orbits * period, 600.0) + 30.0 - 600.0) / 30.0))
+
+
+@functools.lru_cache(maxsize=4)
+def _times_with_end(count: int) -> FloatArray:
+    """Return the moments of a prediction with so many of them from ten minutes on.
+
+    An orbit changes their number once in many steps.
+    """
     return np.concatenate(
         (
             np.arange(0.0, 60.0, 2.0),
             np.arange(60.0, 600.0, 10.0),
-            np.arange(600.0, max(orbits * period, 600.0) + 30.0, 30.0),
+            600.0 + 30.0 * np.arange(count),
         )
     )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class PairPrediction:
     """What is predicted of two spacecraft with all thrust off; lengths in m, times in s from now.
+
+    Its figures are computed when they are asked for: of a pair that is surely clear no decision
+    asks for more, and commands do not wait for what is only told.
 
     Attributes
     ----------
     first, second
         Names.
-    separation, separation_time
-        Smallest expected distance, and when.
-    radial_normal
-        Smallest expected distance in the R-N plane of the chief.
-    sigmas, sigmas_time
-        Smallest number of sigma between the pair and the hard radius, and when.
-    violation_time
-        When the pair is first not clear; infinite if it always is.
-    approach
-        The motion that this is told of.
+    is_surely_clear
+        Whether bounds alone show that the pair is always clear.
     """
 
     first: str
     second: str
-    separation: float
-    separation_time: float
-    radial_normal: float
-    sigmas: float
-    sigmas_time: float
-    violation_time: float
-    approach: PairApproach = field(repr=False, compare=False)
+    is_surely_clear: bool
+    _motion: FreeMotion = field(repr=False)
+    _indices: tuple[int, int] = field(repr=False)
+    _radii_and_sigmas: tuple[float, float, float] = field(repr=False)
+
+    def __eq__(self, other: object) -> bool:
+        """Return whether another prediction tells the same of the same pair."""
+        if not isinstance(other, PairPrediction):
+            return NotImplemented
+        names, names_other = (self.first, self.second), (other.first, other.second)
+        return names == names_other and self._figures == other._figures
+
+    __hash__ = None  # type: ignore[assignment]
+
+    @property
+    def separation(self) -> float:
+        """Return the smallest expected distance."""
+        return self._figures[0]
+
+    @property
+    def separation_time(self) -> float:
+        """Return when the expected distance is smallest."""
+        return self._figures[1]
+
+    @property
+    def radial_normal(self) -> float:
+        """Return the smallest expected distance in the R-N plane of the chief."""
+        return self._figures[2]
+
+    @property
+    def sigmas(self) -> float:
+        """Return the smallest number of sigma between the pair and the hard radius."""
+        return self._figures[3]
+
+    @property
+    def sigmas_time(self) -> float:
+        """Return when that number is smallest."""
+        return self._figures[4]
+
+    @property
+    def violation_time(self) -> float:
+        """Return when the pair is first not clear; infinite if it always is."""
+        return math.inf if self.is_surely_clear else self._figures[5]
+
+    @property
+    def approach(self) -> PairApproach:
+        """Return the motion that this is told of."""
+        return self._scanned[0]
+
+    @property
+    def _figures(self) -> list[float]:
+        return self._scanned[1]
+
+    @functools.cached_property
+    def _scanned(self) -> tuple[PairApproach, list[float]]:
+        """Return the motion and the six figures that it tells."""
+        motion, (first, second) = self._motion, self._indices
+        relative = motion.relative[second] - motion.relative[first]
+        covariance = motion.pair_covariance(first, second)
+        figures, separation_state = _scan(
+            motion.times, relative, covariance, motion.rotation, *self._radii_and_sigmas
+        )
+        hard_radius = self._radii_and_sigmas[0]
+        approach = PairApproach(motion.times, relative, covariance, separation_state, hard_radius)
+        return approach, figures.tolist()
 
     @functools.cached_property
     def probability(self) -> float:
@@ -200,28 +263,17 @@ class FreeMotion:
         clear_radius, clear_sigmas
             Expected distance (m), and sigma between pair and hard radius, of a clear pair.
         """
-        relative = np.ascontiguousarray(self.relative[second] - self.relative[first])
-        covariance = self.pair_covariance(first, second)
-        result, separation_state = _scan(
-            self.times,
-            relative,
-            covariance,
-            self.rotation,
-            hard_radius,
-            clear_radius,
-            clear_sigmas,
+        radii_and_sigmas = (hard_radius, clear_radius, clear_sigmas)
+        is_surely_clear = _is_surely_clear(
+            self.times, self.relative, self.covariances, first, second, *radii_and_sigmas
         )
-        separation, separation_time, radial_normal, sigmas, sigmas_time, violation = result
         return PairPrediction(
             self.names[first],
             self.names[second],
-            float(separation),
-            float(separation_time),
-            float(radial_normal),
-            float(sigmas),
-            float(sigmas_time),
-            float(violation),
-            PairApproach(self.times, relative, covariance, separation_state, hard_radius),
+            is_surely_clear,
+            self,
+            (first, second),
+            radii_and_sigmas,
         )
 
 
@@ -292,13 +344,14 @@ class ChiefMotion:
             Covariances of the positions of each deputy, by `position_covariances`.
         """
         count, samples = len(relative_states_rtn), len(self.times)
-        relative = np.zeros((count + 1, samples, 6))
+        if count:
+            relative = _fly_deputies(
+                self.states_gcrf, self.times, np.array(relative_states_rtn), GM_EARTH, _OBLATENESS
+            )
+        else:
+            relative = np.zeros((1, samples, 6))
         covariances = np.zeros((count + 1, samples, 3, 3))
         if count:
-            chief = self.states_gcrf[0]
-            deputies = [deputy_state_gcrf(chief, state) for state in relative_states_rtn]
-            flown = free_flight(np.array(deputies), self.times)
-            relative[1:] = np.swapaxes(flown - self.states_gcrf[:, np.newaxis], 0, 1)
             covariances[1:] = position_covariances
         return FreeMotion(self.times, tuple(names), relative, covariances, self)
 
@@ -314,66 +367,112 @@ def predict_chief_motion(state_chief_gcrf: FloatArray, orbits: float) -> ChiefMo
         Length of the prediction.
     """
     chief = np.asarray(state_chief_gcrf, dtype=float)
-    axis = 1.0 / (2.0 / np.linalg.norm(chief[:3]) - float(chief[3:] @ chief[3:]) / GM_EARTH)
-    period = 2.0 * math.pi * math.sqrt(float(axis) ** 3 / GM_EARTH)
+    x, y, z, vx, vy, vz = chief.tolist()
+    axis = 1.0 / (2.0 / math.sqrt(x * x + y * y + z * z) - (vx * vx + vy * vy + vz * vz) / GM_EARTH)
+    period = 2.0 * math.pi * math.sqrt(axis**3 / GM_EARTH)
     times = prediction_times(period, orbits)
-    # Eight flights take half the time of seven: the last one is there for that.
-    flown = free_flight(np.array([chief, *(chief + np.diag(_DISPLACEMENTS)), chief]), times)
-    rotation_start = rotation_gcrf_to_rtn(chief)
-    momentum = cross(chief[:3], chief[3:])
-    rate = np.array([0.0, 0.0, np.linalg.norm(momentum) / float(chief[:3] @ chief[:3])])
-    to_gcrf = np.zeros((6, 6))
-    to_gcrf[:3, :3] = to_gcrf[3:, 3:] = rotation_start.T
-    to_gcrf[3:, :3] = rotation_start.T @ skew(rate)
-    states, rotation, positions = _describe_flights(flown, _DISPLACEMENTS)
+    flown, states, rotation, positions, to_gcrf = _fly_displaced(
+        chief, times, _DISPLACEMENTS, GM_EARTH, _OBLATENESS
+    )
     to_position = (positions.reshape(-1, 6) @ to_gcrf).reshape(-1, 3, 6)
     return ChiefMotion(times, flown, states, rotation, to_position)
 
 
 @compiled
-def _describe_flights(
-    flown: FloatArray, displacements: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return states and axes of a chief, and the positions of its transition.
+def _fly_displaced(
+    chief: FloatArray, times: FloatArray, displacements: FloatArray, gm: float, oblateness: float
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Return the flights of a chief and of the displaced ones, and what they tell.
 
     Parameters
     ----------
-    flown
-        As of `ChiefMotion`, shape (n, 8, 6).
+    chief
+        m and m/s, shape (6,).
+    times
+        s from the start, shape (n,).
     displacements
         Displacements of the flights, m and m/s, shape (6,).
+    gm, oblateness
+        As of `vtff_dynamics.orbit.free_flight.fly_states`.
 
     Returns
     -------
+    flown
+        As of `ChiefMotion`, shape (n, 8, 6).
     states
         Chief, m and m/s, shape (n, 6).
     rotation
         Rows R, T, N of the chief in GCRF, shape (n, 3, 3).
     positions
         From a difference at the start to its position later, GCRF axes, shape (n, 3, 6).
+    to_gcrf
+        From a relative state in RTN axes at the start to a difference in GCRF axes, shape (6, 6).
     """
+    # Eight flights take half the time of seven: the last one is there for that.
+    start = np.empty((8, 6))
+    for flight in range(8):
+        for k in range(6):
+            start[flight, k] = chief[k]
+        if 1 <= flight <= 6:
+            start[flight, flight - 1] += displacements[flight - 1]
+    flown = fly_states(start, times, gm, oblateness)
     count = len(flown)
     states, rotation = np.empty((count, 6)), np.empty((count, 3, 3))
     positions = np.empty((count, 3, 6))
     for index in range(count):
-        x, y, z = flown[index, 0, 0], flown[index, 0, 1], flown[index, 0, 2]
-        vx, vy, vz = flown[index, 0, 3], flown[index, 0, 4], flown[index, 0, 5]
         for k in range(6):
             states[index, k] = flown[index, 0, k]
             for axis in range(3):
                 difference = flown[index, k + 1, axis] - flown[index, 0, axis]
                 positions[index, axis, k] = difference / displacements[k]
-        radius = math.sqrt(x * x + y * y + z * z)
-        rx, ry, rz = x / radius, y / radius, z / radius
-        nx, ny, nz = y * vz - z * vy, z * vx - x * vz, x * vy - y * vx
-        size = math.sqrt(nx * nx + ny * ny + nz * nz)
-        nx, ny, nz = nx / size, ny / size, nz / size
-        rotation[index, 0, 0], rotation[index, 0, 1], rotation[index, 0, 2] = rx, ry, rz
-        rotation[index, 1, 0] = ny * rz - nz * ry
-        rotation[index, 1, 1] = nz * rx - nx * rz
-        rotation[index, 1, 2] = nx * ry - ny * rx
-        rotation[index, 2, 0], rotation[index, 2, 1], rotation[index, 2, 2] = nx, ny, nz
-    return states, rotation, positions
+    rate = write_axes(states[0], rotation[0])
+    for index in range(1, count):
+        write_axes(states[index], rotation[index])
+    to_gcrf = np.zeros((6, 6))
+    for k in range(3):
+        for axis in range(3):
+            to_gcrf[k, axis] = to_gcrf[k + 3, axis + 3] = rotation[0, axis, k]
+        # The axes turn about N: R goes to T, T to -R.
+        to_gcrf[k + 3, 0] = rotation[0, 1, k] * rate
+        to_gcrf[k + 3, 1] = rotation[0, 0, k] * -rate
+    return flown, states, rotation, positions, to_gcrf
+
+
+@compiled
+def _fly_deputies(
+    states_chief: FloatArray,
+    times: FloatArray,
+    relative_states_rtn: FloatArray,
+    gm: float,
+    oblateness: float,
+) -> FloatArray:
+    """Return differences to the chief as of `FreeMotion.relative`, shape (m + 1, n, 6).
+
+    Parameters
+    ----------
+    states_chief
+        Chief, m and m/s, shape (n, 6).
+    times
+        s from the start, shape (n,).
+    relative_states_rtn
+        Deputies at the start in RTN axes, m and m/s, shape (m, 6).
+    gm, oblateness
+        As of `vtff_dynamics.orbit.free_flight.fly_states`.
+    """
+    count = len(relative_states_rtn)
+    rotation, start = np.empty((3, 3)), np.empty((count, 6))
+    rate = write_axes(states_chief[0], rotation)
+    for deputy in range(count):
+        write_deputy_state(
+            states_chief[0], rotation, rate, relative_states_rtn[deputy], start[deputy]
+        )
+    flown = fly_states(start, times, gm, oblateness)
+    relative = np.zeros((count + 1, len(times), 6))
+    for index in range(len(times)):
+        for deputy in range(count):
+            for k in range(6):
+                relative[deputy + 1, index, k] = flown[index, deputy, k] - states_chief[index, k]
+    return relative
 
 
 @compiled
@@ -418,6 +517,54 @@ def sigmas_outside(position: FloatArray, covariance: FloatArray, radius: float) 
             along = square - radius * math.sqrt(u * u + v * v + w * w)
             best = max(best, along / math.sqrt(square))
     return best
+
+
+@compiled
+def _is_surely_clear(
+    times: FloatArray,
+    relative: FloatArray,
+    covariances: FloatArray,
+    first: int,
+    second: int,
+    hard_radius: float,
+    clear_radius: float,
+    clear_sigmas: float,
+) -> bool:
+    """Return whether bounds show that `_scan` finds two spacecraft clear at all times.
+
+    Parameters are those of `FreeMotion` and of its `predict_pair`. Between two samples no position
+    of a cubic Hermite spline is farther from the first one than the way to the second one and 4/27
+    of a step with each velocity; no variance exceeds the Frobenius norm of a covariance.
+    """
+    rounding = 1e-9
+    speed_before = 0.0
+    for index in range(len(times) - 1, -1, -1):
+        square, speed, way, step = 0.0, 0.0, 0.0, 0.0
+        if index + 1 < len(times):
+            step = times[index + 1] - times[index]
+        norm_squared = 0.0
+        for k in range(3):
+            position = relative[second, index, k] - relative[first, index, k]
+            velocity = relative[second, index, k + 3] - relative[first, index, k + 3]
+            square += position * position
+            speed += velocity * velocity
+            if step > 0.0:
+                end = relative[second, index + 1, k] - relative[first, index + 1, k]
+                way += (end - position) * (end - position)
+            for j in range(3):
+                variance = covariances[first, index, k, j] + covariances[second, index, k, j]
+                norm_squared += variance * variance
+        distance, speed = math.sqrt(square), math.sqrt(speed)
+        reach = math.sqrt(way) + 0.15 * step * (speed + speed_before)
+        nearest = distance - reach - rounding * (distance + reach)
+        outside = nearest - hard_radius
+        if not (nearest > clear_radius and outside > 0.0):
+            return False
+        sigmas_squared = clear_sigmas * clear_sigmas * (1.0 + rounding)
+        if not outside**4 > sigmas_squared * sigmas_squared * norm_squared:
+            return False
+        speed_before = speed
+    return True
 
 
 @compiled

@@ -22,7 +22,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
+from vtff_dynamics.compiled import compiled
 from vtff_dynamics.frames.rtn import deputy_state_gcrf, relative_state_rtn, rotation_gcrf_to_rtn
 from vtff_dynamics.orbit.free_flight import add_thrust, free_flight
 from vtff_dynamics.vectors import FloatArray
@@ -64,7 +66,10 @@ class ThrustDifference:
 
 
 class ThrustMonitor:
-    """Watches the thruster of a deputy, and that of its chief; call `update` once a step.
+    """Watches the thruster of a deputy, and that of its chief.
+
+    Call `carry` as soon as the thrust of a step is reported, and `update` with the state at its
+    end: a command waits for the latter alone.
 
     Parameters
     ----------
@@ -78,7 +83,7 @@ class ThrustMonitor:
         self._floor = _FLOOR_OF_CAP * acceleration_cap + _FLOOR
         self._step = step
         self._windows = _windows(acceleration_cap, step)
-        self._doubts = np.zeros(3, dtype=int)
+        self._doubts = np.zeros(3, dtype=np.int64)
         self.reset()
 
     def reset(self) -> None:
@@ -88,87 +93,77 @@ class ThrustMonitor:
         self._states_gcrf = np.empty((0, 2, 6))
         self._variance = np.empty((0, 3))
         self._reported = np.empty((0, 2, 3))  # of chief and deputy
-        self._residuals: dict[int, FloatArray] = {}
         self._pushed = np.empty(0)
         self._unreported = np.empty((0, 3))
+        self._newest: tuple[FloatArray, FloatArray, FloatArray] | None = None
         self._doubts[:] = 0
+        self._look()
+
+    def carry(
+        self,
+        reported_rtn: FloatArray,
+        unreported_rtn: FloatArray | None = None,
+        reported_chief_rtn: FloatArray | None = None,
+    ) -> None:
+        """Carry the states of before over a step with the thrust that is reported for it.
+
+        Parameters
+        ----------
+        reported_rtn
+            Acceleration that the thruster reported for the step, m/s2, shape (3,).
+        unreported_rtn
+            How much more or less the thrusters may have given without a fault, m/s2, shape (3,);
+            None for nothing.
+        reported_chief_rtn
+            As ``reported_rtn``, of the chief; None for a chief that does not thrust.
+        """
+        self._keep_newest()
+        if len(self._pushed):
+            chief_rtn = np.zeros(3) if reported_chief_rtn is None else reported_chief_rtn
+            self._continue(
+                np.array([chief_rtn, reported_rtn]),
+                np.zeros(3) if unreported_rtn is None else unreported_rtn,
+            )
+        self._look()
 
     def update(
         self,
         state_chief_gcrf: FloatArray,
         relative_rtn: FloatArray,
         covariance_rtn: FloatArray,
-        reported_rtn: FloatArray,
-        unreported_rtn: FloatArray | None = None,
         is_predicted: bool = False,
-        reported_chief_rtn: FloatArray | None = None,
     ) -> ThrustDifference | None:
-        """Take a navigated state and the thrust of the step that ends with it.
+        """Take the navigated state at the end of the step over which `carry` was called.
 
         Parameters
         ----------
         state_chief_gcrf, relative_rtn, covariance_rtn
             State of now: m and m/s, shapes (6,), (6,) and (6, 6).
-        reported_rtn
-            Acceleration that the thruster reported for the step before, m/s2, shape (3,).
-        unreported_rtn
-            How much more or less the thrusters may have given without a fault, m/s2, shape (3,);
-            None for nothing.
         is_predicted
             Whether the state rests on no measurement of this step.
-        reported_chief_rtn
-            As ``reported_rtn``, of the chief; None for a chief that does not thrust.
 
         Returns
         -------
         ThrustDifference or None
             None if all thrusters do what they report.
         """
-        found = None
-        chief_rtn = np.zeros(3) if reported_chief_rtn is None else reported_chief_rtn
-        self._residuals = {}
-        doubted = np.zeros(3, dtype=bool)
-        variance = np.maximum(np.diag(covariance_rtn)[3:], 0.0)
-        if is_predicted:
-            variance = np.full(3, np.inf)
-        self._continue(
-            np.array([chief_rtn, reported_rtn]),
-            np.zeros(3) if unreported_rtn is None else unreported_rtn,
+        variance, self._residuals, self._is_known, trips, shortest = _compare(
+            relative_rtn,
+            covariance_rtn.diagonal(),
+            is_predicted,
+            self._velocities,
+            self._variance_then,
+            self._allowed_push,
+            self._allowed_unreported,
+            self._floor,
+            self._doubts,
         )
-        ages = [age for age in self._windows if age <= len(self._pushed)]
-        if ages:
-            anchors = [age - 1 for age in ages]
-            velocities = [relative_state_rtn(*self._states_gcrf[each])[3:] for each in anchors]
-            residuals = relative_rtn[3:] - np.array(velocities)
-            sigma = np.sqrt(variance + self._variance[anchors])
-            threshold = self._floor + _SIGMAS * sigma
-            threshold = threshold + (_TOLERANCE * self._pushed[anchors])[:, np.newaxis]
-            threshold = threshold + self._unreported[anchors]
-            for age, residual, is_known in zip(
-                ages, residuals, np.isfinite(sigma).tolist(), strict=True
-            ):
-                if all(is_known):
-                    self._residuals[age] = residual
-            sizes = np.abs(residuals)
-            over = sizes > threshold
-            trips = (sizes > _CERTAIN * threshold) | (over & (self._doubts > 0))
-            doubted |= over.any(axis=0)
-            if trips.any():  # the shortest window tells most
-                shortest = int(trips.any(axis=1).argmax())
-                chief, deputy = self._reported[anchors[shortest]]
-                found = ThrustDifference(
-                    trips[shortest], residuals[shortest], deputy, chief, ages[shortest]
-                )
-        self._doubts = np.where(doubted, self._doubts + 1, 0)
-        state_deputy = deputy_state_gcrf(state_chief_gcrf, relative_rtn)
-        oldest = self._windows[-1] - 1
-        start = np.array([[state_chief_gcrf, state_deputy]])
-        self._states_gcrf = np.concatenate((start, self._states_gcrf[:oldest]))
-        self._variance = np.concatenate((variance[np.newaxis], self._variance[:oldest]))
-        self._reported = np.concatenate((np.zeros((1, 2, 3)), self._reported[:oldest]))
-        self._pushed = np.concatenate((np.zeros(1), self._pushed[:oldest]))
-        self._unreported = np.concatenate((np.zeros((1, 3)), self._unreported[:oldest]))
-        return found
+        self._newest = state_chief_gcrf, relative_rtn, variance
+        if shortest < 0:
+            return None
+        age = self._ages[shortest]
+        chief, deputy = self._reported[age - 1]
+        return ThrustDifference(trips[shortest], self._residuals[shortest], deputy, chief, age)
 
     def residual(self, age: int) -> FloatArray | None:
         """Return the change of the velocity that nobody reports, m/s, shape (3,).
@@ -183,12 +178,41 @@ class ThrustMonitor:
         ndarray or None
             Residuals of the last update; None if it tells nothing over such a window.
         """
-        return self._residuals.get(age)
+        for window, residual, is_known in zip(
+            self._ages, self._residuals, self._is_known, strict=True
+        ):
+            if window == age and is_known:
+                return np.asarray(residual)
+        return None
+
+    def _keep_newest(self) -> None:
+        """Put the state of the last update before those of the updates before it."""
+        if self._newest is None:
+            return
+        chief, relative, variance = self._newest
+        self._newest = None
+        oldest = self._windows[-1] - 1
+        start = np.array([[chief, deputy_state_gcrf(chief, relative)]])
+        self._states_gcrf = np.concatenate((start, self._states_gcrf[:oldest]))
+        self._variance = np.concatenate((variance[np.newaxis], self._variance[:oldest]))
+        self._reported = np.concatenate((np.zeros((1, 2, 3)), self._reported[:oldest]))
+        self._pushed = np.concatenate((np.zeros(1), self._pushed[:oldest]))
+        self._unreported = np.concatenate((np.zeros((1, 3)), self._unreported[:oldest]))
+
+    def _look(self) -> None:
+        """Look up what each window expects of the next state, and forget what the last one told."""
+        self._ages = [age for age in self._windows if age <= len(self._pushed)]
+        anchors = [age - 1 for age in self._ages]
+        velocities = [relative_state_rtn(*self._states_gcrf[each])[3:] for each in anchors]
+        self._velocities = np.array(velocities).reshape(-1, 3)
+        self._variance_then = self._variance[anchors]
+        self._allowed_push = _TOLERANCE * self._pushed[anchors]
+        self._allowed_unreported = self._unreported[anchors]
+        self._residuals = np.empty((len(anchors), 3))
+        self._is_known = np.zeros(len(anchors), dtype=bool)
 
     def _continue(self, reported_rtn: FloatArray, unreported_rtn: FloatArray) -> None:
         """Carry the states of before over a step with the reported thrust of chief and deputy."""
-        if not len(self._pushed):
-            return
         # The chiefs of all of them are metres apart, their axes the same.
         accelerations = reported_rtn @ rotation_gcrf_to_rtn(self._states_gcrf[0, 0])
         flown = free_flight(self._states_gcrf.reshape(-1, 6), [0.0, self._step])[-1]
@@ -199,6 +223,73 @@ class ThrustMonitor:
         size = float(np.linalg.norm(np.abs(reported_rtn).sum(axis=0) + unreported_rtn))
         self._pushed = self._pushed + self._step * size
         self._unreported = self._unreported + self._step * unreported_rtn
+
+
+@compiled
+def _compare(
+    relative_rtn: FloatArray,
+    variances_rtn: FloatArray,
+    is_predicted: bool,
+    velocities: FloatArray,
+    variance_then: FloatArray,
+    allowed_push: FloatArray,
+    allowed_unreported: FloatArray,
+    floor: float,
+    doubts: npt.NDArray[np.int64],
+) -> tuple[FloatArray, FloatArray, npt.NDArray[np.bool_], npt.NDArray[np.bool_], int]:
+    """Compare a navigated velocity with what each of n windows expects of it.
+
+    Parameters
+    ----------
+    relative_rtn, is_predicted
+        As of `ThrustMonitor.update`.
+    variances_rtn
+        Diagonal of the covariance there, shape (6,).
+    velocities, variance_then
+        Expected velocities, and variances of the navigated ones at the start of the windows, m/s
+        and m2/s2, shape (n, 3).
+    allowed_push, allowed_unreported, floor
+        Differences that tell nothing, m/s, shapes (n,), (n, 3) and ().
+    doubts
+        How often each axis has differed one after the other, shape (3,); changed in place.
+
+    Returns
+    -------
+    variance
+        Variance of the navigated velocity, m2/s2, shape (3,).
+    residuals
+        m/s, shape (n, 3).
+    is_known
+        Whether both ends of a window are measured, shape (n,).
+    trips
+        Whether an axis differs by more than can be explained, shape (n, 3).
+    shortest
+        Index of the shortest window with such an axis, which tells most; -1 if there is none.
+    """
+    count = len(velocities)
+    variance, doubted = np.empty(3), np.zeros(3, dtype=np.bool_)
+    residuals, trips = np.empty((count, 3)), np.zeros((count, 3), dtype=np.bool_)
+    is_known = np.ones(count, dtype=np.bool_)
+    shortest = -1
+    for axis in range(3):
+        variance[axis] = np.inf if is_predicted else max(variances_rtn[axis + 3], 0.0)
+    for window in range(count):
+        for axis in range(3):
+            sigma = math.sqrt(variance[axis] + variance_then[window, axis])
+            threshold = floor + _SIGMAS * sigma
+            threshold = threshold + allowed_push[window]
+            threshold = threshold + allowed_unreported[window, axis]
+            residual = relative_rtn[axis + 3] - velocities[window, axis]
+            residuals[window, axis] = residual
+            is_known[window] = is_known[window] and math.isfinite(sigma)
+            is_over = abs(residual) > threshold
+            doubted[axis] = doubted[axis] or is_over
+            if abs(residual) > _CERTAIN * threshold or (is_over and doubts[axis] > 0):
+                trips[window, axis] = True
+                shortest = window if shortest < 0 else shortest
+    for axis in range(3):
+        doubts[axis] = doubts[axis] + 1 if doubted[axis] else 0
+    return variance, residuals, is_known, trips, shortest
 
 
 def _windows(acceleration_cap: float, step: float) -> tuple[int, ...]:

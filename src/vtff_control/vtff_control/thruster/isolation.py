@@ -17,7 +17,8 @@ def isolated_axes(bits: int) -> npt.NDArray[np.bool_]:
 
 def isolation_bits(axes: npt.ArrayLike) -> int:
     """Return the bits of a message; the inverse of `isolated_axes`."""
-    return int(_BITS @ np.asarray(axes, dtype=bool))
+    radial, along_track, normal = np.asarray(axes, dtype=bool).tolist()
+    return int(radial) + 2 * int(along_track) + 4 * int(normal)
 
 
 def isolated_text(axes: npt.ArrayLike) -> str:
