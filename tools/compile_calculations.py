@@ -45,6 +45,13 @@ def compile_safety() -> None:
     compile_kernels(SafetySetting())
 
 
+def compile_controllers() -> None:
+    """Compile the controllers."""
+    from vtff_control.tracking.feedforward import compile_kernels
+
+    compile_kernels()
+
+
 def compile_ionosphere() -> None:
     """Compile the ionosphere processor."""
     from vtff_iono.formation_ionosphere import compile_kernels
@@ -71,7 +78,7 @@ def compile_recordings() -> None:
 
 
 SHARES: tuple[tuple[Callable[[], None], ...], ...] = (
-    (compile_estimator, compile_safety),
+    (compile_estimator, compile_safety, compile_controllers),
     (compile_receivers, compile_ionosphere, compile_recordings),
 )
 

@@ -18,6 +18,7 @@ from vtff_control.tracking.controller import (
     check_control_result,
     takes_covariance,
 )
+from vtff_control.tracking.feedforward import compile_kernels
 from vtff_control.tracking.navigation_bounds import sigma_reason, usable_covariance
 from vtff_control.tracking.sdre import (
     DEFAULT_OPTIONS,
@@ -168,6 +169,8 @@ class SdreControllerNode(VtffNode):
         given: SdreControllerParameters = self.parameters
         self.plugin.call_limit = given.compute_limit
         self.plugin.sample_time = given.sample_time
+        # Takes seconds without a cache, which is longer than a call may last.
+        compile_kernels()
         self._controller: Controller = self.plugin.make(
             ControllerSetting(
                 sample_time=given.sample_time,
@@ -304,6 +307,8 @@ class SdreControllerNode(VtffNode):
             self.fail(plugin_problem)
             return
         self.acknowledge_step(message.header.stamp, started)
+        if isinstance(self._controller, SdreController):
+            self._controller.prepare_next()
 
     def _control(self, message: RelativeState, stamp: int) -> tuple[ControlResult, str]:
         if message.solution == RelativeState.SOLUTION_NONE:

@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vtff_control.tracking.controller import takes_covariance
+from vtff_control.tracking.feedforward import target_acceleration, velocity_at_rest
 from vtff_control.tracking.riccati import delayed_riccati_gain, discretise, riccati_gain
 from vtff_control.tracking.sdre import (
     DEFAULT_WEIGHTS,
@@ -17,7 +18,7 @@ from vtff_control.tracking.sdre import (
     SdreDesign,
     stale_state_reason,
 )
-from vtff_dynamics.constants import GM_EARTH
+from vtff_dynamics.constants import GM_EARTH, J2_EARTH
 from vtff_dynamics.frames.rtn import deputy_state_gcrf, rotation_gcrf_to_rtn
 from vtff_dynamics.orbit.elements import ClassicalElements, osculating_mean_motion
 from vtff_dynamics.orbit.gravity import gravity_acceleration, predict_state
@@ -145,8 +146,7 @@ def test_feedforward_holds_a_deputy_at_rest(gravity: str) -> None:
     """Over the step in which it acts, the command leaves the deputy where it is."""
     target = np.array([-1000.0, -15000.0, 300.0, 0.0, 0.0, 0.0])
     j2 = {} if gravity == "j2" else {"j2": 0.0}
-    design = SdreDesign(feedforward=True, feedforward_gravity=gravity, delay_steps=1)
-    acceleration = SdreController(design)._feedforward(ECCENTRIC, target)
+    acceleration = target_acceleration(ECCENTRIC, target, 1, 1.0, j2.get("j2", J2_EARTH))
 
     def deputy_at_rest(state_chief: np.ndarray) -> np.ndarray:
         return inertial_state_at_rest(state_chief, target[:3], **j2)
@@ -171,7 +171,7 @@ def test_a_deputy_on_its_target_gets_the_feedforward_alone() -> None:
     target = np.array([-1000.0, -15000.0, 0.0, 0.0, 0.0, 0.0])
     design = SdreDesign("delay_aware", feedforward=True, feedforward_gravity="two_body")
     controller = SdreController(design)
-    held = controller._feedforward(ECCENTRIC, target)
+    held = target_acceleration(ECCENTRIC, target, 1, 1.0, 0.0)
     for step in range(4):
         result = controller.control(target, ECCENTRIC, target, step * 10**9)
         np.testing.assert_allclose(result.acceleration_rtn, held, rtol=1e-12)
@@ -180,8 +180,7 @@ def test_a_deputy_on_its_target_gets_the_feedforward_alone() -> None:
 
 def test_feedforward_follows_a_moving_target() -> None:
     target = np.array([-1000.0, -15000.0, 300.0, 2.0, -3.0, 1.0])
-    design = SdreDesign(feedforward=True, feedforward_gravity="two_body", delay_steps=0)
-    acceleration = SdreController(design)._feedforward(ECCENTRIC, target)
+    acceleration = target_acceleration(ECCENTRIC, target, 0, 1.0, 0.0)
     rates = frame_rates_rtn(ECCENTRIC)
     natural = relative_acceleration(
         target,
@@ -196,8 +195,7 @@ def test_feedforward_follows_a_moving_target() -> None:
 def test_feedforward_knows_how_rest_is_reported() -> None:
     target = np.array([0.0, -15000.0, 0.0, 0.0, 0.0, 0.0])
     polar = ClassicalElements(6928137.0, 1e-3, 1.2, 0.3, 0.1, 0.9).to_state()
-    controller = SdreController(SdreDesign(feedforward=True))
-    reported = controller._velocity_at_rest(polar, target)
+    reported = velocity_at_rest(polar, target[:3], J2_EARTH)
     deputy = deputy_state_gcrf(polar, np.concatenate((target[:3], reported)))
     np.testing.assert_allclose(deputy, inertial_state_at_rest(polar, target[:3]), atol=1e-6)
     assert abs(reported[2]) > 1e-3

@@ -26,9 +26,9 @@ from vtff_control.safety.probability import (
     instantaneous_probability,
     sigma_bound_probability,
 )
-from vtff_control.safety.step_flight import write_axes, write_deputy_state
 from vtff_dynamics.compiled import compiled
 from vtff_dynamics.constants import GM_EARTH, J2_EARTH, RADIUS_EARTH_JGM3
+from vtff_dynamics.frames.rtn_kernels import write_axes, write_deputy_state
 from vtff_dynamics.orbit.free_flight import fly_states
 from vtff_dynamics.vectors import FloatArray
 

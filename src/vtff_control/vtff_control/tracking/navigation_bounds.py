@@ -72,17 +72,29 @@ def sigma_reason(
     str
         Empty if the state may be tracked, else one line that says why not.
     """
+    separation = norm(relative_state_rtn[:3])
+    if _largest_sigma(covariance_rtn) < min(maximum_sigma, maximum_sigma_ratio * separation):
+        return ""
     worst = np.linalg.eigvalsh(covariance_rtn[:3, :3])[-1]
     sigma = float(np.sqrt(max(worst, 0.0)))
     if sigma > maximum_sigma:
         return f"sigma of the position is {sigma:.3g} m, more than {maximum_sigma:g} m"
-    separation = norm(relative_state_rtn[:3])
     if sigma > maximum_sigma_ratio * separation:
         return (
             f"sigma of the position is {sigma:.3g} m, more than {maximum_sigma_ratio:g} of the "
             f"distance of {separation:.3g} m"
         )
     return ""
+
+
+def _largest_sigma(covariance_rtn: FloatArray) -> float:
+    """Return what no sigma of a position exceeds, without eigenvalues, which take longer, m.
+
+    It is the root of the Frobenius norm, with more than what rounding adds to eigenvalues.
+    """
+    (a, _, _), (d, b, _), (e, f, c) = covariance_rtn[:3, :3].tolist()
+    square = a * a + b * b + c * c + 2.0 * (d * d + e * e + f * f)
+    return (1.0 + 1e-9) * math.sqrt(math.sqrt(square))
 
 
 def significant_velocity(velocity_rtn: FloatArray, covariance_rtn: FloatArray) -> FloatArray:

@@ -28,6 +28,7 @@ import numpy.typing as npt
 from vtff_control.tracking.bandwidth import BandwidthSchedule, weights_at_level
 from vtff_control.tracking.controller import ControlResult
 from vtff_control.tracking.deviation_observer import DeviationObserver
+from vtff_control.tracking.feedforward import target_acceleration, velocity_at_rest
 from vtff_control.tracking.navigation_bounds import (
     sigma_reason,
     unsafe_velocity,
@@ -35,16 +36,13 @@ from vtff_control.tracking.navigation_bounds import (
 )
 from vtff_control.tracking.riccati import Weights, delayed_riccati_gain, riccati_gain
 from vtff_dynamics.constants import J2_EARTH, RADIUS_EARTH_JGM3
-from vtff_dynamics.frames.rtn import angular_velocity_rtn, rotation_gcrf_to_rtn
 from vtff_dynamics.orbit.elements import osculating_mean_motion
-from vtff_dynamics.orbit.gravity import gravity_acceleration, predict_state
 from vtff_dynamics.relative.motion import (
     frame_rates_rtn,
     hcw_state_matrix,
-    holding_acceleration,
     state_dependent_matrix,
 )
-from vtff_dynamics.vectors import FloatArray, cross, is_finite, norm
+from vtff_dynamics.vectors import FloatArray, is_finite, norm
 
 DESIGNS = ("paper", "state_dependent", "delay_aware", "navigation_aware")
 """Names accepted by `SdreDesign.design`."""
@@ -398,6 +396,14 @@ class SdreController:
             self._observer.predict(acting, osculating_mean_motion(state_chief))
         return ControlResult(acceleration, saturated, True, degraded=degraded)
 
+    def prepare_next(self) -> None:
+        """Do what the next state needs and the command of this one does not wait for.
+
+        Whoever has sent the command may call it; otherwise the next call of `control` does it.
+        """
+        if self._observer is not None:
+            self._observer.prepare_next()
+
     def _follow_stamp(self, stamp: int | None) -> None:
         """Empty the queue of waiting commands unless the stamp is one sample after the last."""
         if stamp is None:
@@ -428,9 +434,9 @@ class SdreController:
         """
         quantum, slack, limit = self._options.quantum, self._slack, self._quantised_caps
         wanted = acceleration + self._left_over
-        given = np.clip(np.trunc(wanted * slack) * quantum, -limit, limit)
+        given = np.minimum(np.maximum(np.trunc(wanted * slack) * quantum, -limit), limit)
         # What the cap has cut off is not made up for.
-        self._left_over = np.clip(wanted - given, -quantum, quantum)
+        self._left_over = np.minimum(np.maximum(wanted - given, -quantum), quantum)
         return given + 0.0
 
     def _bounds_reason(self, relative_state: FloatArray, covariance: FloatArray) -> str:
@@ -452,17 +458,19 @@ class SdreController:
         feedforward = np.zeros(3)
         deviation = relative_state - target
         if self._options.feedforward:
-            feedforward = self._feedforward(state_chief, target)
+            feedforward = target_acceleration(
+                state_chief, target, self.design.delay_steps, self.design.sample_time, self._j2
+            )
         disturbance = np.zeros(3)
         if self._observer is not None:
-            deviation[3:] -= self._velocity_at_rest(state_chief, relative_state)
+            deviation[3:] -= velocity_at_rest(state_chief, relative_state[:3], self._j2)
             if self._target is not None and target.tolist() != self._target.tolist():
                 self._observer.restart()
             self._target = target
             deviation = self._observer.update(deviation, covariance)
             disturbance = self._observer.disturbance_rtn
         elif self._options.feedforward:
-            deviation[3:] -= self._velocity_at_rest(state_chief, target)
+            deviation[3:] -= velocity_at_rest(state_chief, target[:3], self._j2)
         level = 0
         if self._schedule is not None and covariance is not None:
             level = self._schedule.update(relative_state, deviation, covariance)
@@ -555,38 +563,6 @@ class SdreController:
         """Count a solved gain and return it."""
         self._gain_solutions += 1
         return gain
-
-    def _feedforward(self, state_chief: FloatArray, target: FloatArray) -> FloatArray:
-        """Acceleration that keeps the target's motion while the command acts, shape (3,).
-
-        It is taken at the middle of the interval in which the command acts, where a held value
-        equals the mean, and turned into the RTN axes at the start of that interval, which are
-        the axes in which the thruster holds it.
-        """
-        sample_time = self.design.sample_time
-        state_start = predict_state(state_chief, self.design.delay_steps * sample_time, self._j2)
-        state_middle = predict_state(state_start, 0.5 * sample_time, self._j2)
-        position = target[:3] + (self.design.delay_steps + 0.5) * sample_time * target[3:]
-        gravity = self._chief_gravity(state_middle)
-        acceleration = holding_acceleration(position, state_middle, gravity)
-        rates = angular_velocity_rtn(state_middle, gravity)
-        acceleration += 2.0 * cross(rates, target[3:])
-        turn = rotation_gcrf_to_rtn(state_start) @ rotation_gcrf_to_rtn(state_middle).T
-        return np.asarray(turn @ acceleration)
-
-    def _velocity_at_rest(self, state_chief: FloatArray, state: FloatArray) -> FloatArray:
-        """Relative velocity that is reported for a deputy that stands at a position, shape (3,).
-
-        Relative states are formed with the frame turning about N alone (`relative_state_rtn`).
-        Perturbations out of the plane turn it about R as well, so that a deputy at rest 15 km
-        in-track seems to drift along N by millimetres per second.
-        """
-        rates = angular_velocity_rtn(state_chief, self._chief_gravity(state_chief))
-        return cross((rates[0], 0.0, 0.0), state[:3])
-
-    def _chief_gravity(self, state_chief: FloatArray) -> FloatArray | None:
-        """Acceleration of the chief for the feedforward; None stands for two-body."""
-        return gravity_acceleration(state_chief[:3], j2=self._j2) if self._j2 else None
 
 
 def _usable_state(values: npt.ArrayLike, name: str) -> FloatArray:
