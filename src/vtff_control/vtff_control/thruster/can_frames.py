@@ -19,7 +19,7 @@ from vtff_control.bus.database import load_messages
 from vtff_control.bus.frames import encode_frame, find_damage
 from vtff_dynamics.constants import NANOSECONDS_PER_MILLISECOND
 from vtff_dynamics.time.timescales import GpsTime
-from vtff_dynamics.vectors import FloatArray
+from vtff_dynamics.vectors import FloatArray, is_finite
 
 MODE_OFF = 0
 MODE_THRUST = 1
@@ -163,14 +163,16 @@ class ThrusterFrames:
             raise ValueError(f"sequence: 0 to {self.sequence_modulus - 1} expected, got {sequence}")
         if mode not in (MODE_OFF, MODE_THRUST):
             raise ValueError(f"mode: MODE_OFF or MODE_THRUST expected, got {mode}")
-        counts = np.rint(np.asarray(acceleration_rtn, dtype=float) / self.resolution)
-        # Written so that a NaN fails too.
-        if counts.shape != (3,) or not np.all(np.abs(counts) <= self._largest_count):
+        quotients = np.asarray(acceleration_rtn, dtype=float) / self.resolution
+        counts = None
+        if quotients.shape == (3,) and is_finite(quotients):
+            counts = [round(quotient) for quotient in quotients.tolist()]
+        if counts is None or max(map(abs, counts)) > self._largest_count:
             raise ValueError(
                 f"acceleration_rtn: three numbers within +-{self.largest_acceleration:g} m/s2 "
                 f"expected, got {acceleration_rtn!r}"
             )
-        radial, along_track, normal = (int(count) for count in counts)
+        radial, along_track, normal = counts
         first = {
             "Sequence": sequence,
             "GpsWeek": start.week % self._week_modulus,
