@@ -283,8 +283,12 @@ class FormationSafetyNode(VtffNode):
         """Hand the states of a step to the monitor, once."""
         if stamp > self._taken:
             self._taken = stamp
-            states = self._pending[stamp].states
-            self._safety.take_states({name: _state_input(state) for name, state in states.items()})
+            self._safety.take_states(
+                {
+                    name: _state_input(state, self._reports[name].get(stamp))
+                    for name, state in self._pending[stamp].states.items()
+                }
+            )
 
     def _watch(self) -> None:
         """Judge steps for which something is too late; without commands thrust is off anyway."""
@@ -427,8 +431,8 @@ class FormationSafetyNode(VtffNode):
         )
 
 
-def _state_input(state: RelativeState) -> SpacecraftInput:
-    """Return what is navigated of a deputy."""
+def _state_input(state: RelativeState, reported_rtn: FloatArray | None) -> SpacecraftInput:
+    """Return what is navigated of a deputy, with the report of its thrust if that is there."""
     if state.solution == RelativeState.SOLUTION_NONE:
         return SpacecraftInput()
     relative = np.concatenate((state.position, state.velocity))
@@ -437,7 +441,9 @@ def _state_input(state: RelativeState) -> SpacecraftInput:
     if not all(map(is_finite, (relative, chief, covariance))):
         return SpacecraftInput()
     is_predicted = state.solution == RelativeState.SOLUTION_PREDICTED
-    return SpacecraftInput(relative, covariance, chief, is_predicted=is_predicted)
+    return SpacecraftInput(
+        relative, covariance, chief, reported_rtn=reported_rtn, is_predicted=is_predicted
+    )
 
 
 NODE_CLASS = FormationSafetyNode

@@ -65,7 +65,7 @@ def test_covariance_is_that_of_drawn_flights():
     for index in (40, 120, len(motion.times) - 1):
         frame = rotation_gcrf_to_rtn(CHIEF)
         ends = flown.relative[1:, index, :3] @ frame.T
-        expected = frame @ motion.covariances[1, index] @ frame.T
+        expected = frame @ motion.covariances[1][index] @ frame.T
         np.testing.assert_allclose(
             np.sqrt(np.diag(np.cov(ends.T))), np.sqrt(np.diag(expected)), rtol=0.12
         )

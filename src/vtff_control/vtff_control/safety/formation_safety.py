@@ -285,12 +285,15 @@ class _Track(_Thruster):
 class _Prepared(NamedTuple):
     """Motion of the chief without thrust, and covariances (n, 3, 3) of the known deputies.
 
-    The steps are the states of the chief from now to the start of that motion, m and m/s.
+    The steps are the states of the chief from now to the start of that motion, m and m/s. Of
+    deputies whose report came with the state, the thrust that it tells (m/s2) and the relative
+    state after the first step with it.
     """
 
     motion: ChiefMotion
     position_covariances: list[FloatArray]
     steps: FloatArray
+    begun: dict[str, tuple[FloatArray, FloatArray]]
 
 
 class FormationSafety:
@@ -377,7 +380,8 @@ class FormationSafety:
         Parameters
         ----------
         inputs
-            As for `step`; reports and commands are not looked at.
+            As for `step`; commands are not looked at. A report that is there already saves time
+            later: it is looked at, and has to be given to `decide` again.
         """
         if not self._is_next_prepared:
             self.prepare_next()
@@ -386,7 +390,8 @@ class FormationSafety:
         self._prepared = None
         if self._chief is not None and not self._chief_thrusts:
             # A chief that never thrusts goes where no command leads it.
-            self._prepared = self._predict_about(self._chief_steps({}, with_command=True))
+            steps = self._chief_steps({}, with_command=True)
+            self._prepared = self._predict_about(steps, self._begin(inputs, steps))
 
     def prepare_next(self) -> None:
         """Work ahead for the step after one that is decided; `take_states` does it if nobody has.
@@ -422,9 +427,10 @@ class FormationSafety:
         known = self._known_names()
         prepared = self._prepared
         steps = self._chief_steps(inputs, with_command=True) if prepared is None else prepared.steps
-        states = self._states_after(known, inputs, steps, with_command=True)
+        begun = {} if prepared is None else prepared.begun
+        states = self._states_after(known, inputs, steps, with_command=True, begun=begun)
         if prepared is None:  # the chief goes where its command leads it
-            prepared = self._predict_about(steps)
+            prepared = self._predict_about(steps, {})
         motion = prepared.motion.formation(
             (self._names[0], *known), states, prepared.position_covariances
         )
@@ -678,27 +684,50 @@ class FormationSafety:
         inputs: Mapping[str, SpacecraftInput],
         chief_steps: FloatArray,
         with_command: bool,
+        begun: Mapping[str, tuple[FloatArray, FloatArray]],
     ) -> list[FloatArray]:
         """Return the deputies when a command of now starts, or ends, to act."""
         states, step = [], self._setting.step
         for name in known:
             relative = self._tracks[name].relative
             assert relative is not None
+            reported, after = begun.get(name, (None, None))
             for number, thrust in enumerate(self._thrusts(name, inputs, with_command)):
+                if number == 0 and after is not None and thrust is reported:
+                    relative = after
+                    continue
                 relative = advance_deputy(
                     relative, chief_steps[number], chief_steps[number + 1], thrust, step
                 )
             states.append(relative)
         return states
 
-    def _predict_about(self, steps: FloatArray) -> _Prepared:
+    def _begin(
+        self, inputs: Mapping[str, SpacecraftInput], steps: FloatArray
+    ) -> dict[str, tuple[FloatArray, FloatArray]]:
+        """Return the thrust of reports that are there, and the deputies after a step with it."""
+        begun = {}
+        for name, track in self._tracks.items() if self._setting.delay_steps else ():
+            reported = inputs.get(name, _NOTHING_KNOWN).reported_rtn
+            if reported is not None and track.relative is not None:
+                after = advance_deputy(
+                    track.relative, steps[0], steps[1], reported, self._setting.step
+                )
+                begun[name] = reported, after
+        return begun
+
+    def _predict_about(
+        self,
+        steps: FloatArray,
+        begun: dict[str, tuple[FloatArray, FloatArray]],
+    ) -> _Prepared:
         """Return the motion of a chief after steps, and the covariances of the known deputies."""
         motion = predict_chief_motion(steps[-1], self._setting.orbits)
         covariances = []
         for name in self._known_names():
             covariance = self._covariance(self._tracks[name]) + self._covariance_floor
             covariances.append(motion.position_covariances(covariance))
-        return _Prepared(motion, covariances, steps)
+        return _Prepared(motion, covariances, steps, begun)
 
     def _pairs(self, motion: FreeMotion, bounds: ClearBounds) -> list[PairPrediction]:
         count = len(motion.names)
@@ -792,8 +821,8 @@ class FormationSafety:
         isolated = track.isolated.copy()
         known = self._known_names()
         steps = self._chief_steps({}, with_command=False)
-        states = self._states_after(known, {}, steps, with_command=False)
-        start = self._predict_about(steps)
+        states = self._states_after(known, {}, steps, with_command=False, begun={})
+        start = self._predict_about(steps, {})
         motion = start.motion.formation(
             (self._names[0], *known), states, start.position_covariances
         )

@@ -220,7 +220,7 @@ class FreeMotion:
     relative
         Difference to the chief in GCRF axes, m and m/s, shape (m, n, 6); zero for the chief.
     covariances
-        Covariances of the positions to the chief, shape (m, n, 3, 3); zero for the chief.
+        Covariances of the positions to the chief, m of shape (n, 3, 3); zero for the chief.
     chief
         Motion of the chief.
     """
@@ -228,7 +228,7 @@ class FreeMotion:
     times: FloatArray
     names: tuple[str, ...]
     relative: FloatArray
-    covariances: FloatArray
+    covariances: tuple[FloatArray, ...]
     chief: ChiefMotion
 
     @property
@@ -265,7 +265,12 @@ class FreeMotion:
         """
         radii_and_sigmas = (hard_radius, clear_radius, clear_sigmas)
         is_surely_clear = _is_surely_clear(
-            self.times, self.relative, self.covariances, first, second, *radii_and_sigmas
+            self.times,
+            self.relative[first],
+            self.relative[second],
+            self.covariances[first],
+            self.covariances[second],
+            *radii_and_sigmas,
         )
         return PairPrediction(
             self.names[first],
@@ -350,9 +355,7 @@ class ChiefMotion:
             )
         else:
             relative = np.zeros((1, samples, 6))
-        covariances = np.zeros((count + 1, samples, 3, 3))
-        if count:
-            covariances[1:] = position_covariances
+        covariances = (np.zeros((samples, 3, 3)), *position_covariances)
         return FreeMotion(self.times, tuple(names), relative, covariances, self)
 
 
@@ -522,19 +525,20 @@ def sigmas_outside(position: FloatArray, covariance: FloatArray, radius: float) 
 @compiled
 def _is_surely_clear(
     times: FloatArray,
-    relative: FloatArray,
-    covariances: FloatArray,
-    first: int,
-    second: int,
+    first: FloatArray,
+    second: FloatArray,
+    covariance_first: FloatArray,
+    covariance_second: FloatArray,
     hard_radius: float,
     clear_radius: float,
     clear_sigmas: float,
 ) -> bool:
     """Return whether bounds show that `_scan` finds two spacecraft clear at all times.
 
-    Parameters are those of `FreeMotion` and of its `predict_pair`. Between two samples no position
-    of a cubic Hermite spline is farther from the first one than the way to the second one and 4/27
-    of a step with each velocity; no variance exceeds the Frobenius norm of a covariance.
+    Motions and covariances are those of `FreeMotion`, bounds those of its `predict_pair`. Between
+    two samples no position of a cubic Hermite spline is farther from the first one than the way to
+    the second one and 4/27 of a step with each velocity; no variance exceeds the Frobenius norm of
+    a covariance.
     """
     rounding = 1e-9
     speed_before = 0.0
@@ -544,15 +548,15 @@ def _is_surely_clear(
             step = times[index + 1] - times[index]
         norm_squared = 0.0
         for k in range(3):
-            position = relative[second, index, k] - relative[first, index, k]
-            velocity = relative[second, index, k + 3] - relative[first, index, k + 3]
+            position = second[index, k] - first[index, k]
+            velocity = second[index, k + 3] - first[index, k + 3]
             square += position * position
             speed += velocity * velocity
             if step > 0.0:
-                end = relative[second, index + 1, k] - relative[first, index + 1, k]
+                end = second[index + 1, k] - first[index + 1, k]
                 way += (end - position) * (end - position)
             for j in range(3):
-                variance = covariances[first, index, k, j] + covariances[second, index, k, j]
+                variance = covariance_first[index, k, j] + covariance_second[index, k, j]
                 norm_squared += variance * variance
         distance, speed = math.sqrt(square), math.sqrt(speed)
         reach = math.sqrt(way) + 0.15 * step * (speed + speed_before)
