@@ -535,19 +535,32 @@ def test_without_navigation_the_thrust_of_the_chief_is_in_the_prediction():
 COMPILED_BEFORE_THE_FIRST_STEP = """
 import numpy as np
 from safety_samples import CHIEF, SETTING, heard, relative
-from vtff_control.safety.formation_safety import MODE_EVADE, FormationSafety, compile_kernels
+from vtff_control.safety.formation_safety import (
+    MODE_EVADE, FormationSafety, SafetySetting, compile_kernels,
+)
 from vtff_dynamics.compiled import count_compiled_forms
 
-compile_kernels(SETTING)
-before = count_compiled_forms()
-safety = FormationSafety("chief", ("deputy",), SETTING)
-modes = set()
-state = relative(t=600.0, vt=-20.0)
-for _ in range(40):
-    modes.add(safety.step({"deputy": heard(state)}).decisions["deputy"].mode)
-    state[1] -= 20.0
-assert MODE_EVADE in modes, modes
-assert before and count_compiled_forms() == before, (before, count_compiled_forms())
+for setting in (SETTING, SafetySetting()):
+    compile_kernels(setting)
+    before = count_compiled_forms()
+    assert before
+    modes = set()
+    for first, speed in ((600.0, -20.0), (2e4, 0.0)):
+        safety = FormationSafety("chief", ("deputy",), setting)
+        state = relative(t=first, vt=speed)
+        for step in range(40):
+            inputs = {"deputy": heard(state)}
+            if step % 2:
+                result = safety.step(inputs)
+            else:  # as where commands come later than states
+                safety.take_states(inputs)
+                result = safety.decide(inputs)
+                safety.prepare_next()
+            modes.add(result.decisions["deputy"].mode)
+            assert all(0.0 <= pair.probability <= 1.0 for pair in result.pairs)
+            state[1] += speed
+    assert MODE_EVADE in modes, modes
+    assert count_compiled_forms() == before, (before, count_compiled_forms())
 """
 
 

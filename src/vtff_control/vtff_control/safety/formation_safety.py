@@ -906,7 +906,7 @@ def compile_kernels(setting: SafetySetting) -> float:
     """Compile the loops of a monitor, or load them from the cache; return the time taken, s.
 
     The first predictions and manoeuvres do this too; a node calls it before the first step is due.
-    A monitor of its own judges a deputy that runs into the chief.
+    A monitor of its own judges a deputy that runs into the chief, and one that stays far away.
 
     Parameters
     ----------
@@ -917,12 +917,15 @@ def compile_kernels(setting: SafetySetting) -> float:
     radius = 7.0e6
     chief = np.array([radius, 0.0, 0.0, 0.0, math.sqrt(GM_EARTH / radius), 0.0])
     distance = 2.0 * setting.bounds.clear_radius
-    state = np.array([0.0, distance, 0.0, 0.0, -0.1 * distance, 0.0])
-    covariance = 1e-4 * np.eye(6)
-    safety = FormationSafety("chief", ("deputy",), setting)
-    heard = SpacecraftInput(state, covariance, chief, np.zeros(3), np.zeros(3))
-    for values in (heard, heard, SpacecraftInput(reported_rtn=np.zeros(3))):
-        safety.step({"deputy": values})
+    # Good enough for any setting to judge it.
+    covariance = np.diag([1e-6] * 3 + [1e-12] * 3)
+    for place, speed in ((distance, -0.1 * distance), (100.0 * distance, 0.0)):
+        state = np.array([0.0, place, 0.0, 0.0, speed, 0.0])
+        safety = FormationSafety("chief", ("deputy",), setting)
+        heard = SpacecraftInput(state, covariance, chief, np.zeros(3), np.zeros(3))
+        for values in (heard, heard, SpacecraftInput(reported_rtn=np.zeros(3)), heard):
+            for pair in safety.step({"deputy": values}).pairs:
+                _ = pair.probability
     return time.perf_counter() - begin
 
 
