@@ -25,7 +25,7 @@ from vtff_iono.bias.code_biases import CodeBiasTable
 from vtff_iono.density import formation_density
 from vtff_iono.density.filter.settings import DensitySettings
 from vtff_iono.density.formation_density import DensityResult, FormationDensity
-from vtff_iono.edges import crossing_fit, wall_fit, wall_search
+from vtff_iono.edges import crossing_fit, ray_quantities, wall_fit, wall_search
 from vtff_iono.edges.boundary import Boundary
 from vtff_iono.edges.ray_edges import RayEdgeFinder, RayEdgeSettings
 from vtff_iono.edges.vertical_edges import VerticalEdgeFinder
@@ -243,6 +243,7 @@ def compile_kernels() -> None:
     wall_fit.compile_kernels()
     wall_search.compile_kernels()
     crossing_fit.compile_kernels()
+    ray_quantities.compile_kernels()
     high_pass.compile_kernels()
     formation_second.compile_kernels()
     # Two signals of a satellite, at no known place.

@@ -114,6 +114,14 @@ class ExceedanceDetector:
         self._last_time = math.nan
         self._samples_below = 0
 
+    @property
+    def is_expecting(self) -> bool:
+        """Whether a sample below the threshold changes what is found later.
+
+        It does not where neither an event is under way nor the recent samples have an exceedance.
+        """
+        return self._is_inside or any(sample.exceeds for sample in self._recent)
+
     def update(self, time: float, value: float) -> list[Edge]:
         """Add a sample (s, any unit; NaN is left out) and return the edges that it confirms."""
         if not math.isfinite(value):
