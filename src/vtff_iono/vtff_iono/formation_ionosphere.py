@@ -29,7 +29,7 @@ from vtff_iono.edges import crossing_fit, ray_quantities, wall_fit, wall_search
 from vtff_iono.edges.boundary import Boundary
 from vtff_iono.edges.ray_edges import RayEdgeFinder, RayEdgeSettings
 from vtff_iono.edges.vertical_edges import VerticalEdgeFinder
-from vtff_iono.geometry import satellite_geometry
+from vtff_iono.geometry import satellite_geometry, wind_up
 from vtff_iono.scintillation import high_pass
 from vtff_iono.spacecraft import formation_second
 from vtff_iono.spacecraft.formation_second import FormationSecond, Track
@@ -235,6 +235,7 @@ def compile_kernels() -> None:
     """
     line_of_sight.compile_kernels()
     satellite_geometry.compile_kernels()
+    wind_up.compile_kernels()
     pair_equations.compile_kernels()
     arc_noise.compile_kernels()
     expected_contents.compile_kernels()

@@ -27,7 +27,8 @@ def collected(length, duration=400.0):
         direction = np.tile([0.0, 0.0, 1.0], (count, 1))
         position = np.tile(second.states_itrf[0][:3], (count, 1))
         wind_up = 1e-3 * np.arange(len(rows))
-        window.add_epoch(rows, 0, len(rows), direction, position, wind_up)
+        first, last = np.array([0]), np.array([len(rows) - 1])
+        window.add_epochs(rows, first, last, direction, position, wind_up)
     return window, processor
 
 

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import dataclasses
 import enum
+import itertools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -160,10 +161,16 @@ class SlantTecRows:
         """Return the number of rows."""
         return len(self.arc)
 
-    def part(self, first: int, end: int, first_observation: int) -> SlantTecRows:
-        """Return rows `first` to `end`, without `end`; observations count from the given one."""
-        columns = {name: getattr(self, name)[first:end] for name in _CONTENT_COLUMNS}
-        return SlantTecRows(self.pairs.part(first, end, first_observation), **columns)
+    def parts(
+        self, first_row: Sequence[int], first_observation: npt.ArrayLike
+    ) -> list[SlantTecRows]:
+        """Return the rows of blocks that follow each other; arguments as of `PairRows.parts`."""
+        columns = [getattr(self, name) for name in _CONTENT_COLUMNS]
+        pairs = self.pairs.parts(first_row, first_observation)
+        return [
+            SlantTecRows(of_block, *[column[first:end] for column in columns])
+            for of_block, (first, end) in zip(pairs, itertools.pairwise(first_row), strict=True)
+        ]
 
 
 _CONTENT_COLUMNS = tuple(

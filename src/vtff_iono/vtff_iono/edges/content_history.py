@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -20,16 +20,26 @@ from vtff_iono.spacecraft.spacecraft_ionosphere import SpacecraftResult
 __all__ = ["ContentHistory"]
 
 
-@dataclass(frozen=True, eq=False)
-class _SecondRows:
-    """Rows of one second; arrays of shape (n,) and (n, 3), names as in `SlantTecRows`."""
+class _SecondRows(NamedTuple):
+    """Rows of one second; arrays of shape (n,), names as in `SlantTecRows` and `PairRows`.
 
+    `begin` and `end` are the times of the first and the last row, ns; `position_of_observation`
+    has the shape (observations, 3), m. Most seconds are forgotten before their rows are looked at.
+    """
+
+    begin: int
+    end: int
     time: npt.NDArray[np.int64]
     link: npt.NDArray[np.int64]
     arc: npt.NDArray[np.int64]
     stec_phase_tecu: FloatArray
     elevation: FloatArray
-    position_itrf: FloatArray
+    row_first: npt.NDArray[np.int64]
+    position_of_observation: FloatArray
+
+    def positions_itrf(self, rows: npt.ArrayLike) -> FloatArray:
+        """Return the positions of the antenna at some rows (m,), shape (m, 3), m."""
+        return np.asarray(self.position_of_observation[self.row_first[rows]])
 
 
 class ContentHistory:
@@ -74,18 +84,23 @@ class ContentHistory:
         if not len(rows):
             return
         self.links = links
+        times = rows.pairs.time
+        begin, end = int(times[0]), int(times[-1])
         self._seconds.append(
             _SecondRows(
-                rows.pairs.time,
+                begin,
+                end,
+                times,
                 rows.pairs.link,
                 rows.arc,
                 rows.stec_phase_tecu,
                 rows.elevation,
-                position_itrf[rows.pairs.row_first],
+                rows.pairs.row_first,
+                position_itrf,
             )
         )
-        oldest = int(rows.pairs.time[-1]) - self._length * NANOSECONDS_PER_SECOND
-        while self._seconds and self._seconds[0].time[-1] < oldest:
+        oldest = end - self._length * NANOSECONDS_PER_SECOND
+        while self._seconds and self._seconds[0].end < oldest:
             self._seconds.popleft()
 
     @property
@@ -93,7 +108,7 @@ class ContentHistory:
         """Time of the last sample, s; minus infinity without any."""
         if not self._seconds:
             return -math.inf
-        return float(self._seconds[-1].time[-1] / NANOSECONDS_PER_SECOND)
+        return self._seconds[-1].end / NANOSECONDS_PER_SECOND
 
     def trajectory(self) -> tuple[npt.NDArray[np.int64], FloatArray]:
         """Return the ends of seconds with known positions, ns, and these positions (n, 3), m."""
@@ -104,13 +119,13 @@ class ContentHistory:
         """Return time, position and altitude (n,), m, of the ends of seconds, see `trajectory`."""
         new = []
         for rows in reversed(self._seconds):
-            if rows.time[-1] <= self._last_end:
+            if rows.end <= self._last_end:
                 break
-            new.append((rows.time[-1], rows.position_itrf[-1]))
+            new.append((rows.end, rows.positions_itrf(-1)))
         times, positions, altitudes = self._ends
         if new:
             new.reverse()
-            self._last_end = int(new[-1][0])
+            self._last_end = new[-1][0]
             new_times = np.array([time for time, _ in new], dtype=np.int64)
             new_positions = np.array([position for _, position in new])
             is_known = np.isfinite(new_positions).all(axis=1)
@@ -120,7 +135,7 @@ class ContentHistory:
                 positions = np.concatenate((positions, new_positions))
                 new_altitudes = geodetic_from_itrf(new_positions)[:, 2]
                 altitudes = np.concatenate((altitudes, new_altitudes))
-        oldest = self._seconds[0].time[-1] if self._seconds else 0
+        oldest = self._seconds[0].end if self._seconds else 0
         kept = slice(int(np.searchsorted(times, oldest)), None)
         self._ends = times[kept], positions[kept], altitudes[kept]
         return self._ends
@@ -174,7 +189,7 @@ class ContentHistory:
             is_epoch = epochs[column] == rows.time
             _, first = np.unique(column[is_epoch], return_index=True)
             first_rows = np.flatnonzero(is_epoch)[first]
-            positions = rows.position_itrf[first_rows]
+            positions = rows.positions_itrf(first_rows)
             altitude[column[first_rows]] = geodetic_from_itrf(positions)[:, 2]
             row = table[rows.link]
             chosen = is_epoch & (row >= 0) & (rows.arc > 0)
@@ -184,4 +199,4 @@ class ContentHistory:
         return ContentSeries(altitude, stec, arc, elevation)
 
     def _seconds_between(self, begin: int, end: int) -> list[_SecondRows]:
-        return [rows for rows in self._seconds if rows.time[-1] >= begin and rows.time[0] <= end]
+        return [rows for rows in self._seconds if rows.end >= begin and rows.begin <= end]

@@ -17,11 +17,12 @@ import math
 import numpy as np
 import numpy.typing as npt
 
+from vtff_dynamics.compiled import compiled
 from vtff_dynamics.vectors import FloatArray
 from vtff_gnss import wind_up
 from vtff_gnss.orbits.line_of_sight import ellipsoid_normal
 
-__all__ = ["WindUpCounter", "count_wind_up", "wind_up_cycles"]
+__all__ = ["WindUpCounter", "compile_kernels", "count_wind_up", "wind_up_cycles"]
 
 
 def wind_up_cycles(
@@ -82,8 +83,9 @@ class WindUpCounter:
     """Wind-up of the arcs of one receiver since they began, without jumps, epoch by epoch."""
 
     def __init__(self) -> None:
-        # The arc of each link, and the cycles at its first and at its latest epoch.
-        self._arcs: dict[int, tuple[int, float, float]] = {}
+        # By link: number of the arc, and the cycles at its first and at its latest epoch.
+        self._arcs = np.zeros(0, dtype=np.int64)
+        self._cycles = np.zeros((2, 0))
 
     def count(
         self, link: npt.NDArray[np.int64], arc: npt.NDArray[np.int64], cycles: FloatArray
@@ -92,15 +94,35 @@ class WindUpCounter:
 
         Rows with NaN as `cycles` count nothing, and have zero.
         """
-        result = np.zeros(len(cycles))
-        columns = zip(link.tolist(), arc.tolist(), cycles.tolist(), strict=True)
-        for row, (number, of_arc, now) in enumerate(columns):
-            if not math.isfinite(now):
-                continue
-            known, first, latest = self._arcs.get(number, (of_arc, now, now))
-            if known != of_arc:
-                first = latest = now
-            latest = now + round(latest - now)
-            self._arcs[number] = of_arc, first, latest
-            result[row] = latest - first
-        return result
+        new = int(link.max(initial=-1)) + 1 - len(self._arcs)
+        if new > 0:
+            self._arcs = np.append(self._arcs, np.zeros(new, dtype=np.int64))
+            self._cycles = np.hstack((self._cycles, np.full((2, new), np.nan)))
+        counted: FloatArray = _count_cycles(link, arc, cycles, self._arcs, self._cycles)
+        return counted
+
+
+@compiled
+def _count_cycles(link, arc, cycles, arcs, of_arcs):  # type: ignore[no-untyped-def]
+    """Return the cycles of rows (n,) since their arcs began, of which the latest are kept in place.
+
+    `arcs` (links,) are the numbers of the arcs, `of_arcs` (2, links) the cycles at their first and
+    at their latest epochs, NaN before the first arc of a link.
+    """
+    counted = np.zeros(len(cycles))
+    for row in range(len(cycles)):
+        number, now = link[row], cycles[row]
+        if not math.isfinite(now):
+            continue
+        if arcs[number] != arc[row] or math.isnan(of_arcs[1, number]):
+            arcs[number] = arc[row]
+            of_arcs[0, number] = of_arcs[1, number] = now
+        of_arcs[1, number] = now + np.rint(of_arcs[1, number] - now)
+        counted[row] = of_arcs[1, number] - of_arcs[0, number]
+    return counted
+
+
+def compile_kernels() -> None:
+    """Compile the count of turns."""
+    none = np.zeros(0, dtype=np.int64)
+    WindUpCounter().count(none, none, np.zeros(0))

@@ -7,6 +7,7 @@ biases. Links are numbered in the order in which they first appear.
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -167,13 +168,25 @@ class PairRows:
         """Return the number of rows."""
         return len(self.time)
 
-    def part(self, first: int, end: int, first_observation: int) -> PairRows:
-        """Return rows `first` to `end`, without `end`; observations count from the given one."""
-        columns = {name: getattr(self, name)[first:end] for name in _ROW_COLUMNS}
-        columns["row_first"] = columns["row_first"] - first_observation
-        second = columns["row_second"]
-        columns["row_second"] = np.where(second < 0, second, second - first_observation)
-        return PairRows(**columns)
+    def parts(self, first_row: Sequence[int], first_observation: npt.ArrayLike) -> list[PairRows]:
+        """Return the rows of k blocks that follow each other.
+
+        Parameters
+        ----------
+        first_row : sequence of int, length k + 1
+            Where the rows of each block begin; last their number.
+        first_observation : array_like of int, shape (k,)
+            Where the observations of each block begin: they are counted from there.
+        """
+        columns = {name: getattr(self, name) for name in _ROW_COLUMNS}
+        before = np.repeat(first_observation, np.diff(first_row))
+        columns["row_first"] = self.row_first - before
+        second = self.row_second
+        columns["row_second"] = np.where(second < 0, second, second - before)
+        return [
+            PairRows(*[column[first:end] for column in columns.values()])
+            for first, end in itertools.pairwise(first_row)
+        ]
 
 
 _ROW_COLUMNS = tuple(field.name for field in dataclasses.fields(PairRows))

@@ -75,42 +75,51 @@ class BiasSampleWindow:
         """Number of arcs whose levels are remembered."""
         return len(self._levels)
 
-    def add_epoch(
+    def add_epochs(
         self,
         rows: SlantTecRows,
-        first: int,
-        end: int,
+        first: npt.NDArray[np.int64],
+        last: npt.NDArray[np.int64],
         direction_itrf: FloatArray,
         position_itrf: FloatArray,
         wind_up_tecu: FloatArray,
     ) -> None:
-        """Add an epoch: the levels of its arcs, and samples if it is their time.
+        """Add epochs: the levels of their arcs, and samples of those whose time it is.
 
         Parameters
         ----------
         rows : SlantTecRows
-            Contents, among them those of the epoch.
-        first, end : int
-            First row of the epoch and the row after its last one.
+            Contents, among them those of the epochs.
+        first, last : ndarray of int64, shape (k,)
+            First and last row of each epoch, in the order of time.
         direction_itrf, position_itrf : ndarray, shape (n, 3)
             Unit vectors to the satellites, and positions of the antenna (m), of all observations
             that the rows refer to.
         wind_up_tecu : ndarray, shape (m,)
             Content that the wind-up of each row since its arc began looks like, TECU.
         """
-        time = int(rows.pairs.time[first])
-        stec = rows.stec_tecu[first:end]
-        good = (rows.rejected[first:end] & ~_USABLE) == 0
-        chosen = first + np.flatnonzero(good & np.isfinite(stec))
-        arcs = zip(rows.pairs.link[chosen].tolist(), rows.arc[chosen].tolist(), strict=True)
-        levels = zip(
-            (rows.stec_tecu[chosen] - rows.stec_phase_tecu[chosen]).tolist(),
-            rows.stec_sigma_tecu[chosen].tolist(),
-            rows.satellite_bias_sigma_tecu[chosen].tolist(),
-            strict=True,
+        counts = last + 1 - first
+        row = np.arange(int(counts.sum())) + np.repeat(first - (np.cumsum(counts) - counts), counts)
+        epoch = np.repeat(np.arange(len(first)), counts)
+        usable = ((rows.rejected[row] & ~_USABLE) == 0) & np.isfinite(rows.stec_tecu[row])
+        row, epoch = row[usable], epoch[usable]
+        edges = np.searchsorted(epoch, np.arange(len(first) + 1)).tolist()
+        arcs = list(zip(rows.pairs.link[row].tolist(), rows.arc[row].tolist(), strict=True))
+        levels = list(
+            zip(
+                (rows.stec_tecu[row] - rows.stec_phase_tecu[row]).tolist(),
+                rows.stec_sigma_tecu[row].tolist(),
+                rows.satellite_bias_sigma_tecu[row].tolist(),
+                strict=True,
+            )
         )
-        self._levels.update(zip(arcs, levels, strict=True))
-        if time % BIAS_SAMPLE_INTERVAL == 0:
+        known = 0
+        for number, time in enumerate(rows.pairs.time[first].tolist()):
+            if time % BIAS_SAMPLE_INTERVAL != 0:
+                continue
+            begin, end = edges[number : number + 2]
+            self._levels.update(zip(arcs[known:end], levels[known:end], strict=True))
+            known, chosen = end, row[begin:end]
             if len(chosen):
                 observation = rows.pairs.row_first[chosen]
                 self._epochs.append(
@@ -126,6 +135,7 @@ class BiasSampleWindow:
                     )
                 )
             self._forget_older_than(time - self._length)
+        self._levels.update(zip(arcs[known:], levels[known:], strict=True))
 
     def levels(self) -> list[tuple[tuple[int, int], float]]:
         """Return link and arc, and the level (TECU), of the arcs by their numbers in samples."""

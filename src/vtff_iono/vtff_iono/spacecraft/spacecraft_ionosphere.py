@@ -7,6 +7,7 @@ estimated anew at fixed times, from the samples of the last hours before.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -343,20 +344,25 @@ class SpacecraftIonosphere:
         # Rows are in the order of their first observations, epoch by epoch.
         block_of_row = np.searchsorted(first_observation[1:], rows.pairs.row_first, "right")
         first_row = np.searchsorted(block_of_row, np.arange(len(blocks) + 1))
-        results = []
-        epochs = self._last_epochs(rows, first_row, geometry, position_itrf)
-        for number, epoch in enumerate(epochs):
-            first, last = first_row[number : number + 2].tolist()
-            begin, end = first_observation[number : number + 2].tolist()
-            results.append(
-                SpacecraftResult(
-                    rows if len(blocks) == 1 else rows.part(first, last, begin),
-                    geometry.direction_itrf[begin:end],
-                    geometry.range[begin:end],
-                    epoch,
-                    tuple(scintillation[number]),
-                )
+        parts = [rows]
+        if len(blocks) > 1:
+            parts = rows.parts(first_row.tolist(), first_observation[:-1])
+        results = [
+            SpacecraftResult(
+                part,
+                geometry.direction_itrf[begin:end],
+                geometry.range[begin:end],
+                epoch,
+                tuple(of_block),
             )
+            for part, (begin, end), epoch, of_block in zip(
+                parts,
+                itertools.pairwise(first_observation.tolist()),
+                self._last_epochs(rows, first_row, geometry, position_itrf),
+                scintillation,
+                strict=True,
+            )
+        ]
         return SpacecraftSeries(block, position_itrf, rows, first_observation, first_row, results)
 
     def _satellite_bias(self, link: Link, time: GpsTime) -> tuple[float, float]:
@@ -402,19 +408,19 @@ class SpacecraftIonosphere:
         time = rows.pairs.time
         first = np.searchsorted(time, time[last])
         wind_up = self._wind_up_tecu(rows, first, last, geometry, position_itrf)
+        arguments = geometry.direction_itrf, position_itrf, wind_up
         found: list[SlantTecEpoch] = []
-        begin = 0
-        for index, (start, end) in enumerate(zip(first.tolist(), (last + 1).tolist(), strict=True)):
-            self._bias_samples.add_epoch(
-                rows, start, end, geometry.direction_itrf, position_itrf, wind_up
-            )
-            if self._is_bias_due(int(time[start])):
-                chosen = slice(begin, index)
+        begin = sampled = 0
+        for index, now in enumerate(time[first].tolist()):
+            if self._is_bias_due(now):
+                chosen, new = slice(begin, index), slice(sampled, index + 1)
                 found += self._epochs(
                     rows, first[chosen], last[chosen], geometry, position_itrf, wind_up
                 )
-                begin = index
+                self._bias_samples.add_epochs(rows, first[new], last[new], *arguments)
+                begin, sampled = index, index + 1
                 self._estimate_biases()
+        self._bias_samples.add_epochs(rows, first[sampled:], last[sampled:], *arguments)
         found += self._epochs(rows, first[begin:], last[begin:], geometry, position_itrf, wind_up)
         epochs: list[SlantTecEpoch | None] = [None] * (len(first_row) - 1)
         for number, epoch in zip(blocks.tolist(), found, strict=True):
