@@ -149,7 +149,8 @@ def _states_from_relative_state(message: RelativeState) -> tuple[FloatArray, Flo
 
 def _relative_sigma(message: RelativeState) -> float:
     """Return the sigma of the relative position, m; infinite without a solution."""
-    variance = float(np.trace(np.reshape(message.covariance, (6, 6))[:3, :3]))
+    # On the diagonal of a matrix of 6 rows.
+    variance = float(sum(message.covariance[:15:7]))
     has_solution = message.solution != RelativeState.SOLUTION_NONE
     return math.sqrt(variance) if has_solution and variance >= 0.0 else math.inf
 

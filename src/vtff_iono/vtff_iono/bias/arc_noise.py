@@ -154,20 +154,28 @@ def estimate_noise(
     decays = [np.exp(-order.step / time) for time in _TIMES]
     known: dict[tuple[int, int, int], tuple[float, float]] = {}
 
-    def likelihood(power: int, time: int, ratio: int) -> float:
-        if (power, time, ratio) not in known:
-            known[power, time, ratio] = _likelihood(
+    def find_best(powers: range, times: range, ratios: range) -> tuple[int, int, int]:
+        """Return the most likely one of candidates."""
+        for power, time in itertools.product(powers, times):
+            new = [ratio for ratio in ratios if (power, time, ratio) not in known]
+            if not new:
+                continue
+            found = _likelihoods(
                 ordered,
                 order.mapping,
-                _RATIOS[ratio] * mappings[power],
+                mappings[power],
+                np.array([_RATIOS[ratio] for ratio in new]),
                 decays[time],
                 variance,
             )
-        return known[power, time, ratio][0]
+            for ratio, *of_ratio in zip(new, *found.tolist(), strict=True):
+                known[power, time, ratio] = of_ratio[0], of_ratio[1]
+        candidates = itertools.product(powers, times, ratios)
+        return max(candidates, key=lambda candidate: known[candidate][0])
 
     sizes = len(_POWERS), len(_TIMES), len(_RATIOS)
     if near is None:
-        best = max(np.ndindex(sizes), key=lambda point: likelihood(*point))
+        best = find_best(*map(range, sizes))
     else:
         best = (
             _POWERS.index(near.power),
@@ -176,8 +184,8 @@ def estimate_noise(
         )
         while True:
             around = [range(max(k - 1, 0), min(k + 2, n)) for k, n in zip(best, sizes, strict=True)]
-            better = max(itertools.product(*around), key=lambda point: likelihood(*point))
-            if likelihood(*better) <= likelihood(*best):
+            better = find_best(*around)
+            if known[better][0] <= known[best][0]:
                 break
             best = better
     power, time, ratio = best
@@ -213,84 +221,97 @@ def _innovations(columns, rows, gain, decay, scale, response):  # type: ignore[n
     state = np.zeros(width)
     for number in range(count):
         row = rows[number]
+        # Numbers of their own: so the compiler knows that writing a result does not change them.
+        kept, learned = decay[number], gain[number]
+        size, factor = scale[number], response[number]
         for column in range(width):
-            expected = decay[number] * state[column]
-            innovation = columns[row, column] - response[number] * expected
-            result[row, column] = scale[number] * innovation
-            state[column] = expected + gain[number] * innovation
+            expected = kept * state[column]
+            innovation = columns[row, column] - factor * expected
+            result[row, column] = size * innovation
+            state[column] = expected + learned * innovation
     return result
 
 
 @compiled
-def _likelihood(residual, mapping, response, decay, variance):  # type: ignore[no-untyped-def]
-    """Return the logarithm of the restricted likelihood less a constant, and the white variance.
+def _likelihoods(residual, mapping, vertical, ratios, decay, variance):  # type: ignore[no-untyped-def]
+    """Return logarithms of restricted likelihoods less a constant, and the white variances, (2, r).
 
-    `response` and `variance` (n,) are relative to the white noise, whose variance is the most
-    likely one. A constant and a multiple of `mapping` are left out of each arc.
+    They are those of r ratios of slow and white noise (`ratios`), whose white variances are the
+    most likely ones: the steps of one ratio wait for each other, those of several do not. The
+    response of the samples to the slow noise is a ratio times `vertical` (n,), `variance` (n,) is
+    relative to that of the white noise. A constant and a multiple of `mapping` are left out of each
+    arc.
     """
+    count, number = len(residual), len(ratios)
     # The states of the filters of the constant, of the mapping and of the residual.
-    state_one, state_mapping, state_residual = 0.0, 0.0, 0.0
-    # Sums of products of their innovations.
-    one_one, one_mapping, one_residual = 0.0, 0.0, 0.0
-    mapping_mapping, mapping_residual, residual_residual = 0.0, 0.0, 0.0
+    states = np.zeros((number, 3))
+    # Sums of products of their innovations: of the constant with itself, the mapping and the
+    # residual, of the mapping with itself and the residual, and of the residual with itself.
+    sums = np.zeros((number, 6))
     # The logarithm of a product of many variances costs as much as that of one.
-    spread, logarithm, product, total = 1.0, 0.0, 1.0, 0.0
-    degrees = 0
-    count = len(residual)
+    spreads, products = np.ones(number), np.ones(number)
+    logarithms, totals = np.zeros(number), np.zeros(number)
+    degrees = np.zeros(number, dtype=np.int64)
     for row in range(count + 1):
         if row == count or decay[row] == 0.0:
             # An arc has ended: what its constant and its mapping explain is taken off.
-            if one_one > _PIVOT_LEAST:
-                factor = one_mapping / one_one
-                mapping_mapping -= factor * one_mapping
-                mapping_residual -= factor * one_residual
-                residual_residual -= one_residual / one_one * one_residual
-                logarithm += np.log(one_one)
-                degrees -= 1
-            if mapping_mapping > _PIVOT_LEAST:
-                residual_residual -= mapping_residual / mapping_mapping * mapping_residual
-                logarithm += np.log(mapping_mapping)
-                degrees -= 1
-            total += max(residual_residual, 0.0)
-            state_one, state_mapping, state_residual = 0.0, 0.0, 0.0
-            one_one, one_mapping, one_residual = 0.0, 0.0, 0.0
-            mapping_mapping, mapping_residual, residual_residual = 0.0, 0.0, 0.0
+            for k in range(number):
+                one_one, one_mapping, one_residual = sums[k, 0], sums[k, 1], sums[k, 2]
+                mapping_mapping, mapping_residual = sums[k, 3], sums[k, 4]
+                residual_residual = sums[k, 5]
+                if one_one > _PIVOT_LEAST:
+                    factor = one_mapping / one_one
+                    mapping_mapping -= factor * one_mapping
+                    mapping_residual -= factor * one_residual
+                    residual_residual -= one_residual / one_one * one_residual
+                    logarithms[k] += np.log(one_one)
+                    degrees[k] -= 1
+                if mapping_mapping > _PIVOT_LEAST:
+                    residual_residual -= mapping_residual / mapping_mapping * mapping_residual
+                    logarithms[k] += np.log(mapping_mapping)
+                    degrees[k] -= 1
+                totals[k] += max(residual_residual, 0.0)
+            states[:] = 0.0
+            sums[:] = 0.0
         if row == count:
             break
-        spread = 1.0 - decay[row] * decay[row] * (1.0 - spread)
-        of_innovation = response[row] * response[row] * spread + variance[row]
-        per_variance = 1.0 / of_innovation
-        gain = spread * response[row] * per_variance
-        one_expected = decay[row] * state_one
-        mapping_expected = decay[row] * state_mapping
-        residual_expected = decay[row] * state_residual
-        of_one = 1.0 - response[row] * one_expected
-        of_mapping = mapping[row] - response[row] * mapping_expected
-        of_residual = residual[row] - response[row] * residual_expected
-        state_one = one_expected + gain * of_one
-        state_mapping = mapping_expected + gain * of_mapping
-        state_residual = residual_expected + gain * of_residual
-        one, other, last = (
-            of_one * per_variance,
-            of_mapping * per_variance,
-            of_residual * per_variance,
-        )
-        one_one += one * of_one
-        one_mapping += one * of_mapping
-        one_residual += one * of_residual
-        mapping_mapping += other * of_mapping
-        mapping_residual += other * of_residual
-        residual_residual += last * of_residual
-        spread *= 1.0 - gain * response[row]
-        product *= of_innovation
-        if not _PRODUCT_LEAST < product < _PRODUCT_MOST:
-            logarithm += np.log(product)
-            product = 1.0
-        degrees += 1
-    logarithm += np.log(product)
-    degrees = max(degrees, 1)
-    white = max(total / degrees, 1e-12)
-    return -0.5 * (logarithm + degrees * np.log(white)), white
+        of_decay, of_mapping, of_residual = decay[row], mapping[row], residual[row]
+        white, of_vertical = variance[row], vertical[row]
+        for k in range(number):
+            response = ratios[k] * of_vertical
+            spread = 1.0 - of_decay * of_decay * (1.0 - spreads[k])
+            of_innovation = response * response * spread + white
+            per_variance = 1.0 / of_innovation
+            gain = spread * response * per_variance
+            one_expected = of_decay * states[k, 0]
+            mapping_expected = of_decay * states[k, 1]
+            residual_expected = of_decay * states[k, 2]
+            one = 1.0 - response * one_expected
+            other = of_mapping - response * mapping_expected
+            last = of_residual - response * residual_expected
+            states[k, 0] = one_expected + gain * one
+            states[k, 1] = mapping_expected + gain * other
+            states[k, 2] = residual_expected + gain * last
+            one_scaled, other_scaled = one * per_variance, other * per_variance
+            sums[k, 0] += one_scaled * one
+            sums[k, 1] += one_scaled * other
+            sums[k, 2] += one_scaled * last
+            sums[k, 3] += other_scaled * other
+            sums[k, 4] += other_scaled * last
+            sums[k, 5] += last * per_variance * last
+            spreads[k] = spread * (1.0 - gain * response)
+            products[k] *= of_innovation
+            if not _PRODUCT_LEAST < products[k] < _PRODUCT_MOST:
+                logarithms[k] += np.log(products[k])
+                products[k] = 1.0
+            degrees[k] += 1
+    result = np.empty((2, number))
+    for k in range(number):
+        freedom = max(degrees[k], 1)
+        result[1, k] = max(totals[k] / freedom, 1e-12)
+        logarithm = logarithms[k] + np.log(products[k])
+        result[0, k] = -0.5 * (logarithm + freedom * np.log(result[1, k]))
+    return result
 
 
 def compile_kernels() -> None:

@@ -249,12 +249,18 @@ class ScintillationMonitor:
         signals = _rows_by_signal(window)
         fewest_samples = max(2.0, self._settings.coverage_minimum * self._settings.window * rate)
         power = linear_power(window["cn0_dbhz"])
+        counts = np.array([len(rows) for rows in signals], dtype=np.int64)
         s4, s4_pseudo = np.full(len(signals), np.nan), np.full(len(signals), np.nan)
-        for number, rows in enumerate(signals):
-            if len(rows) >= fewest_samples:
-                s4[number] = s4_index(power[rows])
-                s4_pseudo[number] = pseudo_s4(power[rows])
-        cn0_dbhz = np.array([10.0 * np.log10(power[rows].mean()) for rows in signals])
+        mean_power = np.empty(len(signals))
+        # Signals with equal numbers of samples, as a rule nearly all, are computed together.
+        for count in np.unique(counts).tolist():
+            chosen = np.flatnonzero(counts == count)
+            of_signals = power[np.array([signals[number] for number in chosen.tolist()])]
+            mean_power[chosen] = of_signals.mean(axis=-1)
+            if count >= fewest_samples:
+                s4[chosen] = s4_index(of_signals)
+                s4_pseudo[chosen] = pseudo_s4(of_signals)
+        cn0_dbhz = 10.0 * np.log10(mean_power)
         noise = (
             noise_s4(cn0_dbhz, 1.0 / rate) if np.isfinite(interval) else np.full_like(s4, np.nan)
         )
@@ -275,7 +281,7 @@ class ScintillationMonitor:
             cn0_dbhz=cn0_dbhz,
             elevation=window["elevation"][middle],
             azimuth=window["azimuth"][middle],
-            samples=np.array([len(rows) for rows in signals], dtype=np.int64),
+            samples=counts,
         )
 
     def _sigma_phi(

@@ -7,9 +7,8 @@ contradiction overrules it only when it lasts.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-
-import numpy as np
 
 from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
 from vtff_dynamics.vectors import FloatArray
@@ -71,7 +70,7 @@ class NavigationChoice:
         if pair is None:
             return False
         distances = [
-            float(np.linalg.norm(fix[:3] - state[:3]))
+            math.dist(fix[:3].tolist(), state[:3].tolist())
             for fix, state in zip(fixes, pair, strict=True)
             if fix is not None
         ]
