@@ -20,7 +20,13 @@ from vtff_gnss.constants import FLAG_CODE_VALID, FLAG_PHASE_VALID, SYSTEM_GPS
 from vtff_gnss.ephemeris import BroadcastEphemeris
 from vtff_gnss.observations import OBSERVATION_COLUMNS
 from vtff_gnss.orbits import line_of_sight
-from vtff_iono.bias import arc_noise, expected_contents, pair_equations, single_columns
+from vtff_iono.bias import (
+    arc_noise,
+    expected_contents,
+    pair_equations,
+    profile_solver,
+    single_columns,
+)
 from vtff_iono.bias.code_biases import CodeBiasTable
 from vtff_iono.density import formation_density
 from vtff_iono.density.filter.settings import DensitySettings
@@ -237,6 +243,7 @@ def compile_kernels() -> None:
     satellite_geometry.compile_kernels()
     wind_up.compile_kernels()
     pair_equations.compile_kernels()
+    profile_solver.compile_kernels()
     arc_noise.compile_kernels()
     expected_contents.compile_kernels()
     single_columns.compile_kernels()

@@ -25,9 +25,10 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import lapack
 
+from vtff_dynamics.compiled import compiled
 from vtff_dynamics.vectors import FloatArray
 
-__all__ = ["NormalEquations", "ProfileSolution", "solve_profile"]
+__all__ = ["NormalEquations", "ProfileSolution", "compile_kernels", "solve_profile"]
 
 # Largest number of steps; they end when the next step would gain less than this, in twice the
 # logarithm of the posterior density.
@@ -271,9 +272,7 @@ def _find_maximum(
         density = np.exp(log_density)
         data_slope = density * (vector - matrix @ density)
         slope = data_slope + prior_vector - prior_precision @ log_density
-        curvature = density[:, np.newaxis] * matrix
-        curvature *= density
-        curvature += prior_precision
+        curvature: FloatArray = _curvature(matrix, density, prior_precision)
         factor = None
         if gain < _NEARLY_CONVERGED:
             factor = _factorise(curvature)
@@ -286,7 +285,7 @@ def _find_maximum(
         while damping < _DAMPING_MOST:
             damped = curvature.copy()
             np.fill_diagonal(damped, diagonal + (damping * diagonal + overshoot))
-            step = _solve(_factorise(damped), slope)
+            step = _solve(_factorise(damped, is_given_up=True), slope)
             gain = float(slope @ step)
             # A damped step gains less than one without damping: where it gains enough, the search
             # has not converged, and the curvature needs no factor.
@@ -306,15 +305,33 @@ def _find_maximum(
     return log_density, _factorise(curvature) if factor is None else factor
 
 
-def _factorise(matrix: FloatArray) -> FloatArray:
+@compiled
+def _curvature(matrix, density, precision):  # type: ignore[no-untyped-def]
+    """Return the curvature of the cost by logarithms of densities (n,), shape (n, n).
+
+    `matrix` is that by densities, `precision` that of the prior; array operations would pass over
+    such a matrix three times.
+    """
+    curvature = np.empty(matrix.shape)
+    for row in range(len(density)):
+        of_row = density[row]
+        for column in range(len(density)):
+            by_data = of_row * matrix[row, column] * density[column]
+            curvature[row, column] = by_data + precision[row, column]
+    return curvature
+
+
+def _factorise(matrix: FloatArray, *, is_given_up: bool = False) -> FloatArray:
     """Return the Cholesky factor of a positive definite matrix, an upper triangle.
+
+    A matrix that is given up becomes the factor.
 
     LAPACK is called here and in `_solve`, because `scipy.linalg` takes as long to look at arguments
     of this size as LAPACK takes to compute. It wants matrices column by column: that is how the
     transposed one, which is the same, lies in memory.
     """
     factor: FloatArray
-    factor, failed = lapack.dpotrf(matrix.T, clean=False)
+    factor, failed = lapack.dpotrf(matrix.T, clean=False, overwrite_a=is_given_up)
     if failed:
         raise np.linalg.LinAlgError(_NOT_POSITIVE)
     return factor
@@ -330,3 +347,9 @@ def _solve_transposed(factor: FloatArray, right: FloatArray) -> FloatArray:
     """Return right sides (n, k) divided by a transposed factor, (n, k)."""
     solution: FloatArray = lapack.dtrtrs(factor, right, trans=1)[0]
     return solution
+
+
+def compile_kernels() -> None:
+    """Compile the curvature."""
+    one = np.ones((1, 1))
+    _curvature(one, np.ones(1), one)
