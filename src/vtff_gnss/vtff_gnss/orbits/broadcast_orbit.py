@@ -156,6 +156,8 @@ class EphemerisTable:
             - EARTH_ROTATION_RATE_BROADCAST * time_of_week
         )
         self._node_rate = self._columns["right_ascension_rate"] - EARTH_ROTATION_RATE_BROADCAST
+        # The rows that were selected last, and their table.
+        self._selection: tuple[bytes, EphemerisTable] | None = None
 
     @functools.cached_property
     def elements(self) -> FloatArray:
@@ -180,8 +182,11 @@ class EphemerisTable:
         return len(self.ephemerides)
 
     def select(self, rows: npt.NDArray[np.intp]) -> EphemerisTable:
-        """Return a table of some rows."""
-        return EphemerisTable([self.ephemerides[row] for row in rows.tolist()])
+        """Return a table of some rows; the same rows again are the same object."""
+        key = rows.tobytes()
+        if self._selection is None or self._selection[0] != key:
+            self._selection = key, EphemerisTable([self.ephemerides[row] for row in rows.tolist()])
+        return self._selection[1]
 
     def _column(self, name: str) -> FloatArray:
         return np.array([getattr(e, name) for e in self.ephemerides], dtype=float)

@@ -28,6 +28,7 @@ from vtff_dynamics.time.timescales import GpsTime
 from vtff_dynamics.vectors import FloatArray
 from vtff_iono.geometry.satellite_geometry import ELEVATION_MASK_DEG
 from vtff_iono.links.arcs import ArcDetector, Arcs, ArcSettings, arc_keys
+from vtff_iono.links.key_numbers import number_keys
 from vtff_iono.links.signal_pairs import DEFAULT_PAIRS, Link, PairRows, PairSelector, SignalPair
 
 __all__ = [
@@ -265,13 +266,13 @@ class SlantTecProcessor:
         hour = rows.time // _BIAS_INTERVAL_NANOSECONDS
         # One integer for each hour and link; rows without a link have the number -1.
         numbers = len(self.links) + 1
-        keys, inverse = np.unique(hour * numbers + rows.link + 1, return_inverse=True)
-        table = np.full((len(keys), 4), np.nan)
-        for index, key in enumerate(keys.tolist()):
+        found = number_keys(hour * numbers + rows.link + 1)
+        table = np.full((len(found.keys), 4), np.nan)
+        for index, key in enumerate(found.keys.tolist()):
             hour_of_key, number = divmod(key, numbers)
             if number > 0:
                 table[index] = self._look_up_biases(number - 1, hour_of_key)
-        return np.asarray(table[inverse].T)
+        return np.asarray(table[found.number].T)
 
     def _look_up_biases(self, number: int, hour: int) -> tuple[float, ...]:
         """Return satellite bias and sigma, receiver bias and sigma of a link in an hour, TECU."""
@@ -351,7 +352,7 @@ class SlantTecProcessor:
     def _factor(self, rows: PairRows) -> FloatArray:
         """Return TECU per metre of each row; NaN without a link."""
         table = np.full(len(self.links) + 1, np.nan)
-        for number in np.unique(rows.link[rows.link >= 0]).tolist():
+        for number in np.flatnonzero(np.bincount(rows.link[rows.link >= 0])).tolist():
             table[number] = self.links[number].tecu_per_metre
         return table[rows.link]
 

@@ -208,8 +208,10 @@ def _fill_rows(
         return
     has_position = np.asarray(np.isfinite(position).all(axis=1))
     if len(time) >= _MANY_EPOCHS:
-        is_observed = np.isin(satellite_number(table.system, table.prn), satellite)
-        table = table.select(np.flatnonzero(is_observed))
+        numbers = satellite_number(table.system, table.prn)
+        is_observed = np.zeros(int(max(numbers.max(), satellite.max())) + 1, dtype=bool)
+        is_observed[satellite] = True
+        table = table.select(np.flatnonzero(is_observed[numbers]))
         if len(table) == 0:
             return
     reference = time[0] // _REFERENCE_INTERVAL * _REFERENCE_INTERVAL

@@ -21,6 +21,7 @@ from vtff_dynamics.vectors import FloatArray
 from vtff_gnss import constants as c
 from vtff_gnss.signals import carrier_frequency_hz, signal_number
 from vtff_iono.links.geometry_free import tecu_per_metre
+from vtff_iono.links.key_numbers import number_keys
 
 __all__ = ["DEFAULT_PAIRS", "Link", "PairRows", "PairSelector", "SignalPair", "link_keys"]
 
@@ -304,7 +305,7 @@ class PairSelector:
         code in the narrow-lane range, and the wide-lane wavelength, m.
         """
         table = np.full((len(self.links) + 1, 5), np.nan)
-        for index in np.unique(number[is_link]).tolist():
+        for index in np.flatnonzero(np.bincount(number[is_link])).tolist():
             link = self.links[index]
             frequency_first, frequency_second = link.frequency_first, link.frequency_second
             table[index] = (
@@ -324,26 +325,24 @@ class PairSelector:
         has_second: BoolArray,
     ) -> tuple[IntArray, IntArray]:
         """Return the numbers of the links (-1 without a second signal) and of the satellites."""
-        keys, appearance, inverse = np.unique(
-            link_keys(columns, first, second), return_index=True, return_inverse=True
-        )
-        link = np.full(len(keys), -1, dtype=np.int64)
-        satellite = np.empty(len(keys), dtype=np.int64)
         # In the order of appearance, so that numbers do not depend on how a file is cut.
-        for index in np.argsort(appearance, kind="stable").tolist():
-            row = int(appearance[index])
+        found = number_keys(link_keys(columns, first, second))
+        link = np.full(len(found.keys), -1, dtype=np.int64)
+        satellite = np.empty(len(found.keys), dtype=np.int64)
+        for index, (key, row) in enumerate(
+            zip(found.keys.tolist(), found.first.tolist(), strict=True)
+        ):
             observation = int(first[row])
             identity = int(columns["system"][observation]), int(columns["prn"][observation])
             satellite[index] = self._index_of_satellite.setdefault(
                 identity, len(self._index_of_satellite)
             )
             if has_second[row]:
-                key = int(keys[index])
                 if key not in self._link_of_key:
                     self._link_of_key[key] = len(self.links)
                     self.links.append(_make_link(columns, observation, int(second[row])))
                 link[index] = self._link_of_key[key]
-        return link[inverse], satellite[inverse]
+        return link[found.number], satellite[found.number]
 
 
 def link_keys(

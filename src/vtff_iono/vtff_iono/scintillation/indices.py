@@ -27,6 +27,7 @@ from vtff_dynamics.vectors import FloatArray
 from vtff_gnss.constants import FLAG_LOCK_LOST, FLAG_PHASE_VALID
 from vtff_gnss.signals import carrier_wavelength, signal_number
 from vtff_iono.geometry.mapping import LOWEST_ORBIT
+from vtff_iono.links.key_numbers import number_keys, rows_by_number
 from vtff_iono.links.windows import Columns, WindowBuffer
 from vtff_iono.scintillation.high_pass import HIGH_PASS_ORDER, filter_high_pass
 
@@ -331,6 +332,6 @@ class ScintillationMonitor:
 def _rows_by_signal(window: Columns) -> list[npt.NDArray[np.intp]]:
     """Return the rows of each signal in order of time; signals are ordered."""
     number = signal_number(window["system"], window["prn"], window["band"], window["attribute"])
-    order = np.argsort(number, kind="stable")
-    starts = np.flatnonzero(np.diff(number[order], prepend=-1))
-    return np.split(order, starts[1:])
+    found = number_keys(number)
+    rows = rows_by_number(found.number, len(found.keys))
+    return [rows[index] for index in np.argsort(found.keys).tolist()]
