@@ -238,19 +238,23 @@ def reshape_and_resize(table, change, factor):  # type: ignore[no-untyped-def]
         shape[place] = min(max(changed, _SMALLEST_SHAPE[place]), _LARGEST_SHAPE[place])
     table.scale[0] *= factor
     scale, peak = table.scale[0], shape[2]
-    for row in range(len(table.altitude)):
-        if table.weight[row] > 0.0:
-            continue
-        side = 0 if table.altitude[row] < peak else 1
-        height = shape[side]
-        distance = (table.altitude[row] - peak) / height
-        exponential = math.exp(-distance)
-        # Chapman (1931), alpha layer: exp((1 - z - exp(-z)) / 2).
-        density = scale * math.exp(0.5 * (1.0 - distance - exponential))
-        slope = 0.5 * density * (1.0 - exponential)
-        densities[0, row] = densities[SIZE, row] = density
-        densities[2 + side, row], densities[3 - side, row] = distance * slope, 0.0
-        densities[4, row] = slope * PEAK_UNIT / height
+    middle = np.searchsorted(table.altitude, peak)
+    for side in range(2):
+        rows = slice(0, middle) if side == 0 else slice(middle, len(table.altitude))
+        altitude, weight, height = table.altitude[rows], table.weight[rows], shape[side]
+        density, of_size, of_peak = densities[0, rows], densities[SIZE, rows], densities[4, rows]
+        of_height, of_other = densities[2 + side, rows], densities[3 - side, rows]
+        for row in range(len(altitude)):
+            if weight[row] > 0.0:
+                continue
+            distance = (altitude[row] - peak) / height
+            exponential = math.exp(-distance)
+            # Chapman (1931), alpha layer: exp((1 - z - exp(-z)) / 2).
+            value = scale * math.exp(0.5 * (1.0 - distance - exponential))
+            slope = 0.5 * value * (1.0 - exponential)
+            density[row] = of_size[row] = value
+            of_height[row], of_other[row] = distance * slope, 0.0
+            of_peak[row] = slope * PEAK_UNIT / height
 
 
 @compiled

@@ -199,24 +199,29 @@ def set_ray_weights(perigee, radius, altitude, weight):  # type: ignore[no-untyp
     """
     size, square = len(altitude), perigee**2
     first = np.searchsorted(altitude, radius - WGS84_SEMI_MAJOR_AXIS)
-    weight[:] = 0.0
+    weight[:first] = 0.0
     if first == size:
         return size
+    # Counted from zero: loops over places that might be negative are compiled to slow ones.
+    above, weights = altitude[first:], weight[first:]
+    count = len(above)
     # Distances of the altitudes along the ray.
-    distance = np.empty(size)
-    for edge in range(first, size):
-        distance[edge] = math.sqrt((altitude[edge] + WGS84_SEMI_MAJOR_AXIS) ** 2 - square)
-    for edge in range(first + 1, size - 1):
-        weight[edge] = 0.5 * (distance[edge + 1] - distance[edge - 1])
-    if first + 1 < size:
-        weight[first] = 0.5 * (distance[first + 1] - distance[first])
-        weight[size - 1] = 0.5 * (distance[size - 1] - distance[size - 2])
+    distance = np.empty(count)
+    for edge in range(count):
+        height = above[edge] + WGS84_SEMI_MAJOR_AXIS
+        distance[edge] = math.sqrt(height * height - square)
+    for edge in range(count - 2):
+        weights[edge + 1] = 0.5 * (distance[edge + 2] - distance[edge])
+    weights[0] = weights[count - 1] = 0.0
+    if count > 1:
+        weights[0] = 0.5 * (distance[1] - distance[0])
+        weights[count - 1] = 0.5 * (distance[count - 1] - distance[count - 2])
     if first == 0:
         return 0
     # The interval in which the receiver lies begins at the receiver, with the density there.
     fraction = radius - WGS84_SEMI_MAJOR_AXIS - altitude[first - 1]
     fraction /= altitude[first] - altitude[first - 1]
-    step = distance[first] - math.sqrt(max(radius**2 - square, 0.0))
+    step = distance[0] - math.sqrt(max(radius**2 - square, 0.0))
     weight[first - 1] += 0.5 * (1.0 - fraction) * step
     weight[first] += 0.5 * (1.0 + fraction) * step
     return first - 1
