@@ -9,6 +9,7 @@ is 2 to 4.
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import dataclass
 
@@ -164,10 +165,25 @@ def log_density_prior(
     topside : TopsideModel
         Expected decrease of density above the orbit and the peak.
     """
-    middle = shell_middles(edges)
+    topmost = shell_middles(edges)[1:] > max(altitude_high, _HIGHEST_PEAK)
+    first_topmost = int(np.count_nonzero(~topmost))
+    precision, vector = _log_density_prior(edges.tobytes(), first_topmost, topside)
+    return precision.copy(), vector.copy()
+
+
+# As a rule the samples of a receiver have the shells of those of minutes ago.
+@functools.lru_cache(maxsize=8)
+def _log_density_prior(
+    edges: bytes, first_topmost: int, topside: TopsideModel
+) -> tuple[FloatArray, FloatArray]:
+    """Return what `log_density_prior` does, always the same arrays.
+
+    `edges` are its bytes, and `first_topmost` is the first of the topmost differences of shells.
+    """
+    middle = shell_middles(np.frombuffer(edges))
     count = len(middle)
     rise = np.diff(np.log(middle))
-    topmost = np.flatnonzero(middle[1:] > max(altitude_high, _HIGHEST_PEAK))
+    topmost = np.arange(first_topmost, count - 1)
     mean = np.zeros(count - 1)
     mean[topmost] = -topside.exponent * rise[topmost]
     precision = np.eye(count - 1) / _THIN_SHELL_SIGMA**2
