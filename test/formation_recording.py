@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator
 from types import SimpleNamespace
 from typing import Any
@@ -111,12 +112,15 @@ class _FormationBag:
     def by_second(self, topic: str) -> dict[int, _RecordedMessage]:
         """Return the messages of a topic whose stamps are whole seconds, by their second."""
         columns = self._columns.pop(topic).columns()
-        ends = {name: np.cumsum(lengths) for name, lengths in columns.lengths.items()}
+        ranges = {
+            name: list(itertools.pairwise([0, *np.cumsum(lengths).tolist()]))
+            for name, lengths in columns.lengths.items()
+        }
         stamps = _stamps_nanoseconds(columns)
         whole = np.flatnonzero(stamps % NANOSECONDS_PER_SECOND == 0)
         seconds = stamps[whole] // NANOSECONDS_PER_SECOND
         return {
-            second: _RecordedMessage(columns, ends, second, row)
+            second: _RecordedMessage(columns, ranges, second, row)
             for second, row in zip(seconds.tolist(), whole.tolist(), strict=True)
         }
 
@@ -134,11 +138,11 @@ class _RecordedMessage:
     def __init__(
         self,
         columns: MessageColumns,
-        ends: dict[str, npt.NDArray[np.int64]],
+        ranges: dict[str, list[tuple[int, int]]],
         second: int,
         row: int,
     ) -> None:
-        self._columns, self._ends, self._row = columns, ends, row
+        self._columns, self._ranges, self._row = columns, ranges, row
         self._second = second
 
     @property
@@ -153,8 +157,8 @@ class _RecordedMessage:
             return columns.numbers[name][row]
         if name not in columns.sequences:
             raise AttributeError(name)
-        end = self._ends[name][row]
-        return columns.sequences[name][end - columns.lengths[name][row] : end]
+        begin, end = self._ranges[name][row]
+        return columns.sequences[name][begin:end]
 
 
 class _Observations:

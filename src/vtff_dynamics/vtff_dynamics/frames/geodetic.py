@@ -17,6 +17,9 @@ __all__ = [
     "rotation_to_enu_at",
 ]
 
+# brahe has the longitude first.
+_LATITUDE_FIRST = np.array([1, 0, 2])
+
 
 def geodetic_from_itrf(position_itrf: npt.ArrayLike) -> FloatArray:
     """Return WGS-84 latitude, longitude (rad) and height (m) of ITRF positions.
@@ -36,7 +39,7 @@ def geodetic_from_itrf(position_itrf: npt.ArrayLike) -> FloatArray:
             np.asarray(position_itrf, dtype=float), brahe_constants.AngleFormat.RADIANS
         )
     )
-    ordered: FloatArray = geodetic[..., [1, 0, 2]]
+    ordered: FloatArray = geodetic.take(_LATITUDE_FIRST, axis=-1)
     return ordered
 
 

@@ -27,6 +27,7 @@ __all__ = [
     "contents_of_rays",
     "distance_of_ray",
     "distance_to_altitude",
+    "distinct_positions",
     "foelsche_kirchengast_mapping",
     "mapping_factor",
     "pierce_point",
@@ -225,6 +226,26 @@ def set_ray_weights(perigee, radius, altitude, weight):  # type: ignore[no-untyp
     weight[first - 1] += 0.5 * (1.0 - fraction) * step
     weight[first] += 0.5 * (1.0 + fraction) * step
     return first - 1
+
+
+def distinct_positions(position: FloatArray) -> tuple[FloatArray, npt.NDArray[np.intp]]:
+    """Return the positions that differ from those of the rows before, and which each row has.
+
+    The rows of an epoch have the same position: what depends on it alone need not be computed for
+    each of them.
+
+    Parameters
+    ----------
+    position : ndarray, shape (n, 3)
+
+    Returns
+    -------
+    positions : ndarray, shape (k, 3)
+    number : ndarray of int, shape (n,)
+    """
+    is_new = np.ones(len(position), dtype=bool)
+    is_new[1:] = (position[1:] != position[:-1]).any(axis=1)
+    return position[is_new], np.cumsum(is_new) - 1
 
 
 def distance_to_altitude(

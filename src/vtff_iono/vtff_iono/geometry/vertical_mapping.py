@@ -11,6 +11,7 @@ from vtff_dynamics.vectors import FloatArray
 from vtff_iono.geometry.mapping import (
     GROUND_SHELL_HEIGHT,
     LOWEST_ORBIT,
+    distinct_positions,
     mapping_factor,
     pierce_point,
     shell_height,
@@ -53,10 +54,8 @@ def vertical_mapping(
     """
     has_position = np.asarray(np.isfinite(position_itrf).all(axis=-1))
     position = np.where(has_position[:, np.newaxis], position_itrf, _PLACEHOLDER_POSITION)
-    # The rows of an epoch have the same position.
-    is_new = np.ones(len(position), dtype=bool)
-    is_new[1:] = (position[1:] != position[:-1]).any(axis=1)
-    altitude = geodetic_from_itrf(position[is_new])[np.cumsum(is_new) - 1, 2]
+    positions, number = distinct_positions(position)
+    altitude = geodetic_from_itrf(positions)[number, 2]
     factor = mapping_factor(elevation, np.linalg.norm(position, axis=-1), altitude)
     pierce_altitude = np.where(
         altitude < LOWEST_ORBIT, GROUND_SHELL_HEIGHT, altitude + 0.5 * shell_height(altitude)

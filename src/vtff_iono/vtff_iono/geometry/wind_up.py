@@ -21,6 +21,7 @@ from vtff_dynamics.compiled import compiled
 from vtff_dynamics.vectors import FloatArray
 from vtff_gnss import wind_up
 from vtff_gnss.orbits.line_of_sight import ellipsoid_normal
+from vtff_iono.geometry.mapping import distinct_positions
 
 __all__ = ["WindUpCounter", "compile_kernels", "count_wind_up", "wind_up_cycles"]
 
@@ -47,12 +48,12 @@ def wind_up_cycles(
         Velocities of the satellites as seen from the Earth, m/s.
     """
     satellite = position_receiver_itrf + range_satellite[:, np.newaxis] * direction_itrf
-    up = ellipsoid_normal(position_receiver_itrf)
+    positions, number = distinct_positions(position_receiver_itrf)
+    up = ellipsoid_normal(positions)
     east = np.cross((0.0, 0.0, 1.0), up)
     east /= np.linalg.norm(east, axis=-1, keepdims=True)
-    return wind_up.wind_up_cycles(
-        direction_itrf, satellite, velocity_satellite_itrf, np.cross(up, east), -east
-    )
+    north, west = np.cross(up, east)[number], -east[number]
+    return wind_up.wind_up_cycles(direction_itrf, satellite, velocity_satellite_itrf, north, west)
 
 
 def count_wind_up(arc: npt.NDArray[np.int64], cycles: FloatArray) -> FloatArray:
