@@ -7,7 +7,7 @@ from vtff_iono.bias.arc_noise import (
     ArcNoise,
     ArcOrder,
     Whitening,
-    _likelihood,
+    _likelihoods,
     estimate_noise,
 )
 
@@ -97,8 +97,15 @@ def test_likelihood_is_the_restricted_one_of_the_dense_covariance():
     found = []
     for slow, seconds in ((0.5, 60.0), (4.0, 480.0)):
         noise = ArcNoise(1.0, slow, seconds, 1.0)
-        of_order = order.mapping, slow * order.mapping, np.exp(-order.step / seconds)
-        logarithm, white = _likelihood(residual[order.rows], *of_order, 1.0 / weight[order.rows])
+        # Another ratio beside it changes nothing.
+        logarithm, white = _likelihoods(
+            residual[order.rows],
+            order.mapping,
+            order.mapping,
+            np.array([0.1, slow]),
+            np.exp(-order.step / seconds),
+            1.0 / weight[order.rows],
+        )[:, 1]
         matrix = covariance(arc, time, mapping, noise, weight)
         is_arc = arc[:, None] == np.arange(ARCS)
         basis = np.hstack((is_arc, is_arc * mapping[:, None]))

@@ -546,6 +546,23 @@ def test_an_event_ends_with_a_gap():
     assert detector.update(501.0, math.nan) == []
 
 
+def test_samples_that_no_detector_expects_change_nothing():
+    """Samples below the threshold may be left out where `is_expecting` is false."""
+    rng = np.random.default_rng(5)
+    values = np.repeat(rng.random(200) > 0.7, 6) * rng.random(1200) * 2.0
+    times = np.cumsum(rng.choice([1.0, 1.0, 1.0, 20.0], 1200))
+    whole, some = ExceedanceDetector(threshold=1.0), ExceedanceDetector(threshold=1.0)
+    left_out = 0
+    for time, value in zip(times.tolist(), values.tolist(), strict=True):
+        edges = whole.update(time, value)
+        if value > 1.0 or some.is_expecting:
+            assert some.update(time, value) == edges
+        else:
+            left_out += 1
+            assert edges == []
+    assert left_out > 100 and whole.flush() == some.flush()
+
+
 def test_scores_of_minutes():
     minutes = score_windows([True, False, True, False], [60.0, 40.0, 10.0, 0.0])
     assert (minutes.detection_rate, minutes.false_alarm_rate) == (0.5, 0.0)

@@ -62,6 +62,7 @@ from vtff_iono.bias.pair_equations import (
 )
 from vtff_iono.geometry.mapping import (
     LOWEST_ORBIT,
+    distinct_positions,
     foelsche_kirchengast_mapping,
     shell_height,
     thin_shell_mapping,
@@ -204,7 +205,8 @@ def estimate_receiver_biases(
     ReceiverBiasError
         If there are fewer than 50 pairs of satellites above the highest limit of elevation.
     """
-    altitude = geodetic_from_itrf(samples.position_receiver_itrf)[..., 2]
+    positions, number = distinct_positions(samples.position_receiver_itrf)
+    altitude = geodetic_from_itrf(positions)[number, 2]
     is_ground = len(altitude) > 0 and bool(np.median(altitude) < LOWEST_ORBIT)
     interval, block = _GROUND_INTERVALS if is_ground else _ORBIT_INTERVALS
     duration = float(np.ptp(samples.time)) if len(samples.time) else 0.0

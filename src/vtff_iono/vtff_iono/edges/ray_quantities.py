@@ -284,7 +284,7 @@ def _choose_rays(  # type: ignore[no-untyped-def]
     first_row : ndarray of int64, shape (k + 1,)
         Where the rows of each second begin.
     time, elevation : ndarray, shape (n,)
-        Of the rows, ns and rad.
+        Time (ns) and elevation (rad) of each row.
     order, first, second : ndarray of int64
         See `RayGroups`.
     satellite : ndarray of int64, shape (m,)
@@ -360,7 +360,7 @@ def _content_changes(  # type: ignore[no-untyped-def]
     first_row : ndarray of int64, shape (k + 1,)
         Where the rows of each second begin.
     time, arc, elevation, content : ndarray, shape (n,)
-        Of the rows, ns, number, rad and TECU.
+        Time (ns), number of the arc, elevation (rad) and content (TECU) of each row.
     is_placed : ndarray of bool, shape (k,)
         Whether the position of the spacecraft is known.
     order, first, second, link : ndarray of int64

@@ -19,8 +19,9 @@ IntArray = npt.NDArray[np.int64]
 
 # Places of the table of keys at first, a power of two.
 _FIRST_PLACES = 256
-# An odd number whose product spreads keys over all bits (Knuth 1998, vol. 3, section 6.4).
-_SPREAD = -7046029254386353131
+# Keys are folded to so many bits, and multiplied with a number that spreads them over all bits
+# (Knuth 1998, vol. 3, section 6.4); the product is no larger than integers are.
+_FOLDED_BITS, _SPREAD = 31, 1_103_515_245
 
 
 class NumberedKeys(NamedTuple):
@@ -81,7 +82,8 @@ def _number_keys(keys):  # type: ignore[no-untyped-def]
 def _place(keys, first, table, key):  # type: ignore[no-untyped-def]
     """Return the place of a key in a table, or the free one where it belongs."""
     last = len(table) - 1
-    place = ((key * _SPREAD) >> 32) & last
+    folded = (key ^ (key >> _FOLDED_BITS)) & ((1 << _FOLDED_BITS) - 1)
+    place = ((folded * _SPREAD) >> 16) & last
     while table[place] != 0 and keys[first[table[place] - 1]] != key:
         place = (place + 1) & last
     return place
