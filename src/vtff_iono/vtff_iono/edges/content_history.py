@@ -37,7 +37,7 @@ class _SecondRows(NamedTuple):
     row_first: npt.NDArray[np.int64]
     position_of_observation: FloatArray
 
-    def positions_itrf(self, rows: npt.ArrayLike) -> FloatArray:
+    def positions_itrf(self, rows: npt.NDArray[np.intp] | int) -> FloatArray:
         """Return the positions of the antenna at some rows (m,), shape (m, 3), m."""
         return np.asarray(self.position_of_observation[self.row_first[rows]])
 
