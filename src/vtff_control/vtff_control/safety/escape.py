@@ -27,6 +27,9 @@ _DIRECTIONS = np.array(
     [direction for direction in itertools.product((-1.0, 0.0, 1.0), repeat=3) if any(direction)]
 )
 _LEVELS = 14
+# Manoeuvres of each kind: no step, or one of every level in every direction.
+_STEPS = 1 + _LEVELS * len(_DIRECTIONS)
+_KINDS = 2
 _DRIFT_COST = 1.5
 
 
@@ -111,19 +114,21 @@ def find_escape(
     start_index = min(int(np.searchsorted(motion.times, start)), len(motion.times) - 1)
     to_rtn = motion.rotation[start_index]
     drift, mean_motion = _drift(motion, deputy, others, start_index)
-    candidates = _candidates(drift, mean_motion, bounds, acceleration, velocity_limit)
-    relative = np.stack([motion.relative[deputy] - motion.relative[other] for other in others])
-    covariances = np.stack([motion.pair_covariance(deputy, other) for other in others])
+    levels = _levels(mean_motion, bounds, velocity_limit)
     count = min(int(np.searchsorted(motion.times, horizon, side="right")), len(motion.times))
+    soon = slice(count)
+    relative = np.stack(
+        [motion.relative[deputy][soon] - motion.relative[other][soon] for other in others]
+    )
+    covariances = np.stack([motion.pair_covariance(deputy, other, soon) for other in others])
 
-    def first_clear(numbers: npt.NDArray[np.intp]) -> Escape | None:
+    def first_clear(numbers: npt.NDArray[np.intp], velocities: FloatArray) -> Escape | None:
         """Return the first candidate that is clear, of those with these numbers in this order."""
-        velocities = candidates[numbers]
         chosen, clear_until = _first_clear(
-            motion.times[:count],
-            np.ascontiguousarray(relative[:, :count]),
-            np.ascontiguousarray(covariances[:, :count]),
-            motion.transition[:count],
+            motion.times[soon],
+            relative,
+            covariances,
+            motion.transition[soon],
             velocities @ to_rtn,
             _durations(velocities, acceleration),
             float(start),
@@ -135,11 +140,16 @@ def find_escape(
             return None
         return Escape(velocities[chosen], float(clear_until), int(numbers[chosen]))
 
-    if likely is not None and np.abs(candidates[likely]).max() <= velocity_limit:
-        escape = first_clear(np.array([likely]))
-        if escape is not None:
-            return escape
-    return first_clear(_by_cost(candidates, drift, velocity_limit))
+    if likely is not None:
+        number = np.array([likely])
+        velocity = _candidates(number, drift, levels, acceleration)
+        if np.abs(velocity).max() <= velocity_limit:
+            escape = first_clear(number, velocity)
+            if escape is not None:
+                return escape
+    candidates = _candidates(np.arange(_KINDS * _STEPS), drift, levels, acceleration)
+    cheapest = _by_cost(candidates, drift, velocity_limit)
+    return first_clear(cheapest, candidates[cheapest])
 
 
 def _durations(candidates: FloatArray, acceleration: FloatArray) -> FloatArray:
@@ -174,27 +184,31 @@ def _drift(
     return np.array([*velocity, velocity[1] + 2.0 * mean_motion * position[0]]), mean_motion
 
 
+def _levels(mean_motion: float, bounds: ClearBounds, velocity_limit: float) -> FloatArray:
+    """Return the sizes of the steps of velocity on an axis, m/s, shape (1 + levels,).
+
+    The first is none.
+    """
+    smallest = mean_motion * bounds.clear_radius
+    levels = np.geomspace(0.05 * smallest, max(velocity_limit, 0.1 * smallest), _LEVELS)
+    return np.concatenate((np.zeros(1), levels))
+
+
 def _candidates(
-    drift: FloatArray,
-    mean_motion: float,
-    bounds: ClearBounds,
-    acceleration: FloatArray,
-    velocity_limit: float,
+    numbers: npt.NDArray[np.intp], drift: FloatArray, levels: FloatArray, acceleration: FloatArray
 ) -> FloatArray:
     """Return changes of velocity in RTN, m/s, shape (n, 3); some are larger than allowed.
 
-    A number means the same kind of manoeuvre in every search.
+    A number means the same kind of manoeuvre in every search: a step on top of nothing, or of the
+    change that stops the drift.
     """
     available = acceleration > 0.0
-    levels = np.geomspace(
-        0.05 * mean_motion * bounds.clear_radius,
-        max(velocity_limit, 0.1 * mean_motion * bounds.clear_radius),
-        _LEVELS,
-    )
+    kind, step = np.divmod(numbers, _STEPS)
+    level, direction = np.divmod(step - 1, len(_DIRECTIONS))
     share = np.where(available, 1.0, 0.0)
-    steps = np.concatenate([np.zeros((1, 3)), *(level * share * _DIRECTIONS for level in levels)])
-    bases = (np.zeros(3), np.where(available, -drift[:3], 0.0))
-    return np.where(available, np.concatenate([base + steps for base in bases]), 0.0)
+    steps = levels[level + 1, np.newaxis] * share * _DIRECTIONS[direction]
+    bases = np.stack((np.zeros(3), np.where(available, -drift[:3], 0.0)))
+    return np.where(available, bases[kind] + steps, 0.0)
 
 
 def _by_cost(

@@ -241,13 +241,13 @@ class FreeMotion:
         """From GCRF to the chief's RTN axes, shape (n, 3, 3)."""
         return self.chief.rotation
 
-    def pair_covariance(self, first: int, second: int) -> FloatArray:
+    def pair_covariance(self, first: int, second: int, samples: slice = slice(None)) -> FloatArray:
         """Return the covariance of the position between two spacecraft, shape (n, 3, 3).
 
         The errors of two deputies that share a chief are correlated positively; their correlation
         is not known here, and to leave it out makes the covariance of the difference larger.
         """
-        return np.asarray(self.covariances[first] + self.covariances[second])
+        return np.asarray(self.covariances[first][samples] + self.covariances[second][samples])
 
     def predict_pair(
         self, first: int, second: int, hard_radius: float, clear_radius: float, clear_sigmas: float
