@@ -15,6 +15,7 @@ import numpy as np
 from geometry_msgs.msg import AccelStamped
 from rosgraph_msgs.msg import Clock
 
+from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_msgs.msg import (
     AdcsCommand,
@@ -41,7 +42,7 @@ from vtff_sim_bridge.truth.scenario import Scenario, ScenarioError, load_scenari
 
 START_POLL = 0.05  # s
 SETTLE_TIME = 0.5  # s from the moment at which the graph is complete to the start in real time
-REALTIME_POLL = 0.002  # s, resolution of the wall-clock pacing
+REALTIME_POLL = 0.002  # s of wall time between two steps that are late
 SIMGEN_MARGIN = 60  # s by which the run of SimGEN is longer, so that it takes the last motion
 REPLY_SHARE = 0.4  # of a step, within which SimGEN replies in real time or counts as cut off
 WATCH_INTERVAL = 0.25  # s of wall time between looks for missing participants
@@ -495,6 +496,7 @@ class SimgenBridgeNode(VtffNode):
         due = self._wall_start + (self._step_source.step + 1) * self._scenario.step
         now = time.monotonic()
         if now < due:
+            self._pace_again(due)
             return
         step = self._step_source.step + 1
         self._wall_lag = now - due
@@ -508,6 +510,13 @@ class SimgenBridgeNode(VtffNode):
         if begins_late:
             self.get_logger().warning(f"step {step} began {self._wall_lag:.1f} s late")
         self._advance()
+        self._pace_again(due + self._scenario.step)
+
+    def _pace_again(self, due: float) -> None:
+        """Have the next step looked at when it is due, in s of the monotonic clock."""
+        wait = max(due - time.monotonic(), REALTIME_POLL)
+        self._pace_timer.timer_period_ns = round(wait * NANOSECONDS_PER_SECOND)
+        self._pace_timer.reset()
 
     def _end(self) -> None:
         self._complete_simgen()
