@@ -60,7 +60,7 @@ class EventPublisher:
         Publish gnss/raw.
     holds_epoch : bool
         Hold each gnss/epoch until `release_epoch` or the next observations, so that it is published
-        after the fix of its second.
+        after the ephemerides of its second and, in lockstep, after its fix.
 
     Attributes
     ----------

@@ -11,6 +11,7 @@ from rosgraph_msgs.msg import Clock
 
 from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
 from vtff_dynamics.time.timescales import GpsTime
+from vtff_gnss.fix import Fix
 from vtff_gnss.novatel import ReceiverLogStream
 from vtff_msgs.srv import SendCommand
 from vtff_nav.receiver.driver_parameters import ReceiverDriverParameters
@@ -107,9 +108,19 @@ class LiveFeed:
             return
         now = self._pumped_at = time.monotonic()
         events = self._receiver.advance(now)
+        fixes: list[Fix] = []
         try:
             for event in events:
-                self._publisher.publish(event)
+                # In real time a command waits for the epoch, and nothing waits for the fix.
+                if isinstance(event, Fix) and not self._node.lockstep:
+                    fixes.append(event)
+                else:
+                    self._publisher.publish(event)
+            self._publisher.release_epoch(
+                None if self._receiver.is_quiet(now) else self._receiver.newest_end
+            )
+            for fix in fixes:
+                self._publisher.publish(fix)
         except ValueError as error:  # a time that no stamp can hold
             self._node.fail(f"{self._port_name}: {error}")
             return
@@ -117,9 +128,6 @@ class LiveFeed:
             self._second_received = self._receiver.newest_end
             end = GpsTime(self._second_received * NANOSECONDS_PER_SECOND)
             self._seconds_received.note(end.to_unix_nanoseconds(), now)
-        self._publisher.release_epoch(
-            None if self._receiver.is_quiet(now) else self._receiver.newest_end
-        )
         if not self._is_reported_ready and self._session.is_running:
             self._is_reported_ready = True
             self._node.report_ready()
