@@ -305,6 +305,10 @@ class FormationSafetyNode(VtffNode):
 
     def _judge(self, stamp: int) -> None:
         started = time.perf_counter()
+        if stamp <= self._judged:  # its first message came after that of a later step
+            del self._pending[stamp]
+            self.acknowledge_step(to_stamp(stamp), started)
+            return
         self._take_states(stamp)
         pending = self._pending.pop(stamp)
         self._judged = stamp

@@ -308,7 +308,10 @@ class SdreControllerNode(VtffNode):
             return
         self.acknowledge_step(message.header.stamp, started)
         if isinstance(self._controller, SdreController):
-            self._controller.prepare_next()
+            try:
+                self.plugin.call(self._controller.prepare_next)
+            except PluginError as error:
+                self.fail(str(error))
 
     def _control(self, message: RelativeState, stamp: int) -> tuple[ControlResult, str]:
         if message.solution == RelativeState.SOLUTION_NONE:

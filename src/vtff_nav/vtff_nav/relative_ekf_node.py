@@ -588,6 +588,7 @@ class RelativeEkfNode(VtffNode):
         """Start navigation anew when time has jumped back, as in a log that begins again."""
         if stamp < self._newest - StampOrder.JUMP_BACK:
             self.get_logger().warning("time has jumped back: navigation starts anew")
+            self._finish_epoch()
             self._tell(self._estimator.reset)
             self._join.restart()
             self._newest = -1
@@ -653,6 +654,7 @@ class RelativeEkfNode(VtffNode):
     def _publish(self, solution: RelativeSolution) -> None:
         """Publish a solution; in real time the state first, for which the controller waits."""
         given: RelativeEkfParameters = self.parameters
+        self._publish_tables()
         self._solution = self._unfinished = solution
         self._unfinished_until = time.monotonic() + COMMAND_TIME
         self._epochs[SOLUTION_NAMES[solution.solution]] += 1
@@ -664,9 +666,17 @@ class RelativeEkfNode(VtffNode):
 
     def _finish_epoch(self) -> None:
         """Do what is left of the last epoch, if anything is: no command waits for it."""
-        if self._unfinished is None:
+        solution = self._publish_tables()
+        if solution is None or self.lockstep or solution.solution == SOLUTION_NONE:
             return
+        if hasattr(self._estimator, "learn"):
+            self._tell(self._estimator.learn)
+
+    def _publish_tables(self) -> RelativeSolution | None:
+        """Publish the tables of a solution whose state alone has been told; return it."""
         solution, self._unfinished = self._unfinished, None
+        if solution is None:
+            return None
         given: RelativeEkfParameters = self.parameters
         self._ambiguity_publisher.publish(
             ambiguities_to_message(solution, given.chief, given.deputy)
@@ -674,10 +684,7 @@ class RelativeEkfNode(VtffNode):
         self._tec_publisher.publish(
             differential_tec_to_message(solution, given.chief, given.deputy)
         )
-        if self.lockstep or solution.solution == SOLUTION_NONE:
-            return
-        if hasattr(self._estimator, "learn"):
-            self._tell(self._estimator.learn)
+        return solution
 
     def on_stop(self) -> None:
         """Publish what is left of the last epoch."""

@@ -42,7 +42,7 @@ from vtff_sim_bridge.truth.scenario import Scenario, ScenarioError, load_scenari
 
 START_POLL = 0.05  # s
 SETTLE_TIME = 0.5  # s from the moment at which the graph is complete to the start in real time
-REALTIME_POLL = 0.002  # s of wall time between two steps that are late
+REALTIME_POLL = 0.002  # s of wall time, shortest wait until a step is looked at
 SIMGEN_MARGIN = 60  # s by which the run of SimGEN is longer, so that it takes the last motion
 REPLY_SHARE = 0.4  # of a step, within which SimGEN replies in real time or counts as cut off
 WATCH_INTERVAL = 0.25  # s of wall time between looks for missing participants

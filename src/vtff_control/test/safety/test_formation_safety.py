@@ -131,16 +131,20 @@ def test_it_does_not_matter_which_state_came_first():
     assert first.pairs == second.pairs
 
 
+@pytest.mark.parametrize("reports_early", [False, True])
 @pytest.mark.parametrize("chief_thrusts", [False, True])
 @pytest.mark.parametrize("command", [(0.0, 0.0, 0.0), (0.0, -1.4, 0.0)])
-def test_commands_may_come_after_the_states(chief_thrusts, command):
-    """The prediction made ahead knows no command, and the command counts in full."""
+def test_commands_may_come_after_the_states(chief_thrusts, command, reports_early):
+    """The prediction made ahead knows no command, and the command counts in full.
+
+    What is prepared after a decision, once or twice, changes no later one.
+    """
     at_once, later = (
         FormationSafety("chief", ("one", "two"), SETTING, chief_thrusts) for _ in range(2)
     )
     places = {"one": relative(t=120.0), "two": relative(t=-200.0, n=50.0)}
-    for second in range(3):
-        thrust = command if second == 2 else (0.0, 0.0, 0.0)
+    for second in range(6):
+        thrust = command if second == 5 else (0.0, 0.0, 0.0)
         inputs = {name: heard(state, thrust) for name, state in places.items()}
         if chief_thrusts:
             inputs["chief"] = SpacecraftInput(
@@ -150,7 +154,10 @@ def test_commands_may_come_after_the_states(chief_thrusts, command):
         later.take_states(
             {
                 name: SpacecraftInput(
-                    given.relative_rtn, given.covariance_rtn, given.state_chief_gcrf
+                    given.relative_rtn,
+                    given.covariance_rtn,
+                    given.state_chief_gcrf,
+                    given.reported_rtn if reports_early else None,
                 )
                 for name, given in inputs.items()
             }
@@ -163,6 +170,8 @@ def test_commands_may_come_after_the_states(chief_thrusts, command):
                 for name, given in inputs.items()
             }
         )
+        for _ in range(second % 3):
+            later.prepare_next()
         assert whole.pairs == parts.pairs
         assert [p.probability for p in whole.pairs] == [p.probability for p in parts.pairs]
         assert {n: d.mode for n, d in whole.decisions.items()} == {

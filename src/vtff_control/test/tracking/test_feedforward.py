@@ -12,6 +12,14 @@ from vtff_dynamics.relative.motion import holding_acceleration
 from vtff_dynamics.vectors import cross
 
 
+def test_a_chief_that_falls_has_no_plane():
+    falling = np.array([7.0e6, 0.0, 0.0, -100.0, 0.0, 0.0])
+    with pytest.raises(ValueError, match="orbital plane"):
+        velocity_at_rest(falling, np.ones(3), J2_EARTH)
+    with pytest.raises(ValueError, match="orbital plane"):
+        target_acceleration(falling, np.ones(6), 1, 1.0, J2_EARTH)
+
+
 @pytest.mark.parametrize("j2", [J2_EARTH, 0.0])
 @pytest.mark.parametrize(("delay_steps", "sample_time"), [(1, 1.0), (0, 0.3), (3, 10.0)])
 def test_numbers_are_those_of_single_functions(j2, delay_steps, sample_time):

@@ -397,7 +397,10 @@ class FormationSafety:
         """Work ahead for the step after one that is decided; `take_states` does it if nobody has.
 
         What was reported is known now: where it should have led to is compared with the next state.
+        A second call for the same step does nothing.
         """
+        if self._is_next_prepared:
+            return
         chief = self._chief_thruster
         for track in self._tracks.values():
             unreported = track.unreported + chief.unreported

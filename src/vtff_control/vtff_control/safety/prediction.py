@@ -51,7 +51,8 @@ _SHORT_ENCOUNTER = 0.02  # of an orbit: a fly-by that lasts longer is not straig
 
 def prediction_times(period: float, orbits: float) -> FloatArray:
     """Return the moments of a prediction, s: every 2 s, 10 s after a minute, 30 s after ten."""
-    return _times_with_end(math.ceil((max(orbits * period, 600.0) + 30.0 - 600.0) / 30.0))
+    count = math.ceil((max(orbits * period, 600.0) + 30.0 - 600.0) / 30.0)
+    return np.array(_times_with_end(count))
 
 
 @functools.lru_cache(maxsize=4)

@@ -116,6 +116,8 @@ class DeviationObserver:
         mean_motion
             Mean motion of the chief, rad/s.
         """
+        if self._coming is not None:  # without a measurement since the last sample
+            self.prepare_next()
         self._coming = acceleration_rtn, mean_motion
 
     def prepare_next(self) -> None:

@@ -87,6 +87,11 @@ def velocity_at_rest(
         Where the deputy rests, m, shape (3,).
     j2
         Second zonal coefficient; 0 leaves the point mass.
+
+    Raises
+    ------
+    ValueError
+        If position and velocity of the chief are parallel.
     """
     oblateness = 1.5 * j2 * RADIUS_EARTH_JGM3 * RADIUS_EARTH_JGM3
     velocity: FloatArray = _drift_at_rest(state_chief_gcrf, position_rtn, GM_EARTH, oblateness)
@@ -120,6 +125,8 @@ def _rate_about_r(state: FloatArray, gravity: tuple[float, float, float]) -> flo
     x, y, z, vx, vy, vz = state[0], state[1], state[2], state[3], state[4], state[5]
     nx, ny, nz = y * vz - z * vy, z * vx - x * vz, x * vy - y * vx
     momentum = math.sqrt(nx * nx + ny * ny + nz * nz)
+    if not momentum > 0.0:
+        raise ValueError("state_chief_gcrf: position and velocity do not span an orbital plane")
     acceleration_n = (nx * gravity[0] + ny * gravity[1] + nz * gravity[2]) / momentum
     rate: float = math.sqrt(x * x + y * y + z * z) * acceleration_n / momentum
     return rate

@@ -30,3 +30,4 @@ def test_rows_of_each_number_in_their_order():
 def test_no_rows():
     found = number_keys(np.zeros(0, dtype=np.int64))
     assert len(found.keys) == len(found.first) == len(found.number) == 0
+    assert rows_by_number(found.number, 0) == []

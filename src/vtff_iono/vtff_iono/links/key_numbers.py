@@ -54,7 +54,7 @@ def rows_by_number(number: IntArray, count: int) -> list[IntArray]:
     `number`, shape (n,), is that of each row.
     """
     order, ends = _sort_rows(number, count)
-    return np.split(order, ends[:-1])
+    return np.split(order, ends[:-1]) if count else []
 
 
 @compiled

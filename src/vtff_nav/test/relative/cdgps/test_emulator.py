@@ -302,6 +302,7 @@ def test_what_is_prepared_changes_no_result(scenario, joint_distance, monkeypatc
         solution = prepared.process(time, *measured)
         for name in ("position_rtn", "covariance_rtn", "position_chief_gcrf"):
             np.testing.assert_array_equal(getattr(solution, name), getattr(expected, name))
+    assert prepared._are_joint == (joint_distance == 0.0)
 
 
 def test_noise_may_be_learnt_after_the_solution(scenario):
