@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import socket
 import time
 
 import pytest
@@ -91,6 +92,34 @@ def test_a_follower_waits_for_the_clock_and_says_so(ros_context, log):
     assert node.exit_code == 1
     assert node.health()[0].message == "no /clock to follow within 0 s"
     node.destroy_node()
+
+
+def test_in_real_time_the_epoch_of_a_second_comes_before_its_fix(ros_context):
+    """A command waits for the epoch; the ephemerides that it needs are published before it."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = f"tcp://127.0.0.1:{server.getsockname()[1]}"
+        node = driver(ros_context, "live", port=port, silence_timeout=1e6)
+        order = []
+        for name in ("epoch", "fix", "ephemeris"):
+            publisher = getattr(node._publisher, f"_{name}")
+
+            def publish_bytes(content, name=name, publish=publisher.publish_bytes):
+                order.append(name)
+                publish(content)
+
+            publisher.publish_bytes = publish_bytes
+        try:
+            node._feed.pump()
+            receiver, _ = server.accept()
+            with receiver:
+                receiver.sendall(receiver_log(1))
+                deadline = time.monotonic() + 20.0
+                while "fix" not in order and time.monotonic() < deadline:
+                    node._feed.pump()
+        finally:
+            node.on_stop()
+            node.destroy_node()
+    assert order == ["ephemeris"] * 3 + ["epoch", "fix"]
 
 
 def fix_in_the_middle(content):

@@ -18,6 +18,7 @@ from rosgraph_msgs.msg import Clock  # noqa: E402
 
 from vtff_dynamics.time.timescales import GpsTime  # noqa: E402
 from vtff_msgs.msg import RelativeState  # noqa: E402
+from vtff_nav import relative_ekf_node  # noqa: E402
 from vtff_nav.relative.common.solution import (  # noqa: E402
     _SHAPES,
     SOLUTION_PREDICTED,
@@ -137,6 +138,28 @@ def test_in_real_time_only_the_state_comes_before_the_command(ros_context):
         assert log[:5] == ["process", "state", *later]
         bench.node.on_stop()
         assert log[5:] == ["process", "state", *later]
+    finally:
+        bench.close()
+
+
+def test_an_error_or_a_new_beginning_loses_no_table(ros_context, monkeypatch):
+    monkeypatch.setattr(relative_ekf_node, "COMMAND_TIME", math.inf)
+    bench, log = logged_bench(ros_context)
+    tables = ["ambiguity", "tec"]
+
+    def fail() -> None:
+        raise ValueError("no more")
+
+    try:
+        bench.node._on_clock(Clock(clock=to_stamp(EPOCH)))
+        bench.spin_until(lambda: log == ["process", "state"])
+        bench.node._on_clock(Clock(clock=to_stamp(EPOCH - 10 * SECOND)))
+        bench.spin_until(lambda: log.count("state") == 2)
+        assert log == ["process", "state", *tables, "learn", "reset", "process", "state"]
+        log.clear()
+        bench.node._tell(fail)
+        assert log == [*tables, "state", *tables]
+        assert bench.node.finished and "no more" in bench.node.problem
     finally:
         bench.close()
 
