@@ -137,7 +137,7 @@ def test_it_does_not_matter_which_state_came_first():
 def test_commands_may_come_after_the_states(chief_thrusts, command, reports_early):
     """The prediction made ahead knows no command, and the command counts in full.
 
-    What is prepared after a decision, once or twice, changes no later one.
+    Preparing the next step after a decision, once or twice, changes no later decision.
     """
     at_once, later = (
         FormationSafety("chief", ("one", "two"), SETTING, chief_thrusts) for _ in range(2)

@@ -46,7 +46,7 @@ from vtff_control.safety.thrust_monitor import (
 from vtff_dynamics.constants import GM_EARTH
 from vtff_dynamics.orbit.elements import osculating_mean_motion
 from vtff_dynamics.relative.motion import hcw_transition_matrix
-from vtff_dynamics.vectors import FloatArray, norm
+from vtff_dynamics.vectors import FloatArray, frobenius_norm, norm
 
 __all__ = [
     "MODE_EVADE",
@@ -396,7 +396,7 @@ class FormationSafety:
     def prepare_next(self) -> None:
         """Work ahead for the step after one that is decided; `take_states` does it if nobody has.
 
-        What was reported is known now: where it should have led to is compared with the next state.
+        The thrust of the step is known now: the next state is compared with where it leads.
         A second call for the same step does nothing.
         """
         if self._is_next_prepared:
@@ -889,20 +889,9 @@ def _error_after(seconds: float, covariance: FloatArray) -> float:
 
 def _largest_error_after(seconds: float, covariance: FloatArray) -> float:
     """Return what `_error_after` does not exceed, without eigenvalues, whose cost is a tenth, m."""
-    rows = covariance.tolist()
-    position, velocity = _frobenius_norm(rows, 0), _frobenius_norm(rows, 3)
+    position, velocity = frobenius_norm(covariance[:3, :3]), frobenius_norm(covariance[3:, 3:])
     # More than what rounding adds to eigenvalues.
     return (1.0 + 1e-9) * (math.sqrt(position) + seconds * math.sqrt(velocity))
-
-
-def _frobenius_norm(rows: Sequence[Sequence[float]], first: int) -> float:
-    """Return the Frobenius norm of three rows and columns, which no eigenvalue exceeds.
-
-    As `numpy.linalg.eigvalsh` takes a symmetric matrix it takes the lower triangle.
-    """
-    a, b, c = rows[first][first], rows[first + 1][first + 1], rows[first + 2][first + 2]
-    d, e, f = rows[first + 1][first], rows[first + 2][first], rows[first + 2][first + 1]
-    return math.sqrt(a * a + b * b + c * c + 2.0 * (d * d + e * e + f * f))
 
 
 def compile_kernels(setting: SafetySetting) -> float:

@@ -27,9 +27,9 @@ from vtff_control.safety.probability import (
     sigma_bound_probability,
 )
 from vtff_dynamics.compiled import compiled
-from vtff_dynamics.constants import GM_EARTH, J2_EARTH, RADIUS_EARTH_JGM3
+from vtff_dynamics.constants import GM_EARTH
 from vtff_dynamics.frames.rtn_kernels import write_axes, write_deputy_state
-from vtff_dynamics.orbit.free_flight import fly_states
+from vtff_dynamics.orbit.free_flight import OBLATENESS_EARTH, fly_states
 from vtff_dynamics.vectors import FloatArray
 
 __all__ = [
@@ -43,7 +43,6 @@ __all__ = [
     "sigmas_outside",
 ]
 
-_OBLATENESS = 1.5 * J2_EARTH * RADIUS_EARTH_JGM3**2  # m2
 _DISPLACEMENTS = np.array([10.0] * 3 + [0.01] * 3)  # m and m/s
 _CERTAIN = 8.0  # sigma: a probability beyond is given as its bound, 6e-16
 _SHORT_ENCOUNTER = 0.02  # of an orbit: a fly-by that lasts longer is not straight
@@ -352,7 +351,11 @@ class ChiefMotion:
         count, samples = len(relative_states_rtn), len(self.times)
         if count:
             relative = _fly_deputies(
-                self.states_gcrf, self.times, np.array(relative_states_rtn), GM_EARTH, _OBLATENESS
+                self.states_gcrf,
+                self.times,
+                np.array(relative_states_rtn),
+                GM_EARTH,
+                OBLATENESS_EARTH,
             )
         else:
             relative = np.zeros((1, samples, 6))
@@ -376,7 +379,7 @@ def predict_chief_motion(state_chief_gcrf: FloatArray, orbits: float) -> ChiefMo
     period = 2.0 * math.pi * math.sqrt(axis**3 / GM_EARTH)
     times = prediction_times(period, orbits)
     flown, states, rotation, positions, to_gcrf = _fly_displaced(
-        chief, times, _DISPLACEMENTS, GM_EARTH, _OBLATENESS
+        chief, times, _DISPLACEMENTS, GM_EARTH, OBLATENESS_EARTH
     )
     to_position = (positions.reshape(-1, 6) @ to_gcrf).reshape(-1, 3, 6)
     return ChiefMotion(times, flown, states, rotation, to_position)

@@ -10,14 +10,12 @@ from __future__ import annotations
 import numpy as np
 
 from vtff_dynamics.compiled import compiled
-from vtff_dynamics.constants import GM_EARTH, J2_EARTH, RADIUS_EARTH_JGM3
+from vtff_dynamics.constants import GM_EARTH
 from vtff_dynamics.frames.rtn_kernels import write_axes, write_deputy_state
-from vtff_dynamics.orbit.free_flight import fly_states
+from vtff_dynamics.orbit.free_flight import OBLATENESS_EARTH, fly_states
 from vtff_dynamics.vectors import FloatArray
 
 __all__ = ["advance_deputy", "fly_chief"]
-
-_OBLATENESS = 1.5 * J2_EARTH * RADIUS_EARTH_JGM3 * RADIUS_EARTH_JGM3  # m2
 
 
 def fly_chief(chief_gcrf: FloatArray, accelerations_rtn: FloatArray, step: float) -> FloatArray:
@@ -43,7 +41,7 @@ def fly_chief(chief_gcrf: FloatArray, accelerations_rtn: FloatArray, step: float
         If position and velocity are parallel, so that there are no axes.
     """
     flown: FloatArray = _fly_chief(
-        chief_gcrf, accelerations_rtn, step, 0.5 * step**2, GM_EARTH, _OBLATENESS
+        chief_gcrf, accelerations_rtn, step, 0.5 * step**2, GM_EARTH, OBLATENESS_EARTH
     )
     return flown
 
@@ -86,7 +84,7 @@ def advance_deputy(
         step,
         0.5 * step**2,
         GM_EARTH,
-        _OBLATENESS,
+        OBLATENESS_EARTH,
     )
     # Products of numpy, whose sums no loop has.
     x, y, z = (rotation @ difference[:3]).tolist()

@@ -1,4 +1,4 @@
-"""What holds a target in the turning frame of a chief, compiled for the path of a command.
+"""Acceleration that holds a target in the turning frame of a chief, compiled for commands.
 
 The formulas are those of `vtff_dynamics.relative.motion.holding_acceleration`,
 `vtff_dynamics.frames.rtn.angular_velocity_rtn` and `vtff_dynamics.orbit.gravity`, where they are
@@ -14,9 +14,9 @@ import math
 import numpy as np
 
 from vtff_dynamics.compiled import compiled
-from vtff_dynamics.constants import GM_EARTH, RADIUS_EARTH_JGM3
+from vtff_dynamics.constants import GM_EARTH
 from vtff_dynamics.frames.rtn_kernels import write_axes
-from vtff_dynamics.orbit.free_flight import fly_states
+from vtff_dynamics.orbit.free_flight import acceleration_at, fly_states, scale_oblateness
 from vtff_dynamics.vectors import FloatArray
 
 __all__ = ["compile_kernels", "target_acceleration", "velocity_at_rest"]
@@ -53,7 +53,7 @@ def target_acceleration(
     ValueError
         If position and velocity of the chief are parallel.
     """
-    oblateness = 1.5 * j2 * RADIUS_EARTH_JGM3 * RADIUS_EARTH_JGM3
+    oblateness = scale_oblateness(j2)
     position = target_rtn[:3] + (delay_steps + 0.5) * sample_time * target_rtn[3:]
     rotation_start, rotation, gravity, gravity_difference, figures = _look_ahead(
         state_chief_gcrf,
@@ -93,8 +93,9 @@ def velocity_at_rest(
     ValueError
         If position and velocity of the chief are parallel.
     """
-    oblateness = 1.5 * j2 * RADIUS_EARTH_JGM3 * RADIUS_EARTH_JGM3
-    velocity: FloatArray = _drift_at_rest(state_chief_gcrf, position_rtn, GM_EARTH, oblateness)
+    velocity: FloatArray = _drift_at_rest(
+        state_chief_gcrf, position_rtn, GM_EARTH, scale_oblateness(j2)
+    )
     return velocity
 
 
@@ -104,19 +105,6 @@ def compile_kernels() -> None:
     chief = np.array([radius, 0.0, 0.0, 0.0, math.sqrt(GM_EARTH / radius), 0.0])
     target_acceleration(chief, np.zeros(6), 1, 1.0, 0.0)
     velocity_at_rest(chief, np.zeros(3), 0.0)
-
-
-@compiled
-def _gravity(position: FloatArray, gm: float, oblateness: float) -> tuple[float, float, float]:
-    """Return the acceleration at a position, with the oblateness of `fly_states`."""
-    x, y, z = position[0], position[1], position[2]
-    r2 = x * x + y * y + z * z
-    factor = -gm / (r2 * math.sqrt(r2))
-    flattening = oblateness / r2
-    sine_squared = z * z / r2
-    equatorial = factor * (1.0 + flattening * (1.0 - 5.0 * sine_squared))
-    polar = factor * (1.0 + flattening * (3.0 - 5.0 * sine_squared))
-    return equatorial * x, equatorial * y, polar * z
 
 
 @compiled
@@ -166,7 +154,8 @@ def _drift_at_rest(
     """Return what `velocity_at_rest` does, with the constants of `fly_states`."""
     rate = 0.0
     if oblateness != 0.0:
-        rate = _rate_about_r(state, _gravity(state, gm, oblateness))
+        gravity = acceleration_at(state[0], state[1], state[2], gm, oblateness)
+        rate = _rate_about_r(state, gravity)
     x, y, z = position[0], position[1], position[2]
     return np.array([0.0 * z - 0.0 * y, 0.0 * x - rate * z, rate * y - 0.0 * x])
 
@@ -213,12 +202,12 @@ def _look_ahead(
     rotation_start, rotation = np.empty((3, 3)), np.empty((3, 3))
     write_axes(begun[0], rotation_start)
     rate = write_axes(middle, rotation)
-    acceleration = _gravity(middle, gm, oblateness)
+    acceleration = acceleration_at(middle[0], middle[1], middle[2], gm, oblateness)
     target = np.empty(3)
     for k in range(3):
         turned = rotation[0, k] * position[0] + rotation[1, k] * position[1]
         target[k] = middle[k] + (turned + rotation[2, k] * position[2])
-    acceleration_target = _gravity(target, gm, oblateness)
+    acceleration_target = acceleration_at(target[0], target[1], target[2], gm, oblateness)
     gravity, gravity_difference = np.empty(3), np.empty(3)
     for k in range(3):
         gravity[k] = acceleration[k]

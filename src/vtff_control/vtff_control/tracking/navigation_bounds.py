@@ -19,7 +19,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from vtff_dynamics.vectors import FloatArray, is_finite, norm
+from vtff_dynamics.vectors import FloatArray, frobenius_norm, is_finite, norm
 
 __all__ = ["sigma_reason", "significant_velocity", "unsafe_velocity", "usable_covariance"]
 
@@ -92,9 +92,7 @@ def _largest_sigma(covariance_rtn: FloatArray) -> float:
 
     It is the root of the Frobenius norm, with more than what rounding adds to eigenvalues.
     """
-    (a, _, _), (d, b, _), (e, f, c) = covariance_rtn[:3, :3].tolist()
-    square = a * a + b * b + c * c + 2.0 * (d * d + e * e + f * f)
-    return (1.0 + 1e-9) * math.sqrt(math.sqrt(square))
+    return (1.0 + 1e-9) * math.sqrt(frobenius_norm(covariance_rtn[:3, :3]))
 
 
 def significant_velocity(velocity_rtn: FloatArray, covariance_rtn: FloatArray) -> FloatArray:

@@ -16,14 +16,30 @@ from vtff_dynamics.compiled import compiled
 from vtff_dynamics.constants import GM_EARTH, J2_EARTH, RADIUS_EARTH_JGM3
 from vtff_dynamics.vectors import FloatArray
 
-__all__ = ["add_thrust", "fly_states", "free_flight"]
+__all__ = [
+    "OBLATENESS_EARTH",
+    "acceleration_at",
+    "add_thrust",
+    "fly_states",
+    "free_flight",
+    "scale_oblateness",
+]
+
+
+def scale_oblateness(j2: float) -> float:
+    """Return 1.5 J2 times the square of the radius of the Earth, m2; 0 for the point mass."""
+    return 1.5 * j2 * RADIUS_EARTH_JGM3 * RADIUS_EARTH_JGM3
+
+
+OBLATENESS_EARTH = scale_oblateness(J2_EARTH)
+"""Oblateness of the Earth in `fly_states` and `acceleration_at`, m2."""
 
 
 @compiled
-def _acceleration(
+def acceleration_at(
     x: float, y: float, z: float, gm: float, oblateness: float
 ) -> tuple[float, float, float]:
-    """Return the acceleration at a position."""
+    """Return the acceleration at a position (m), m/s2; the other parameters as of `fly_states`."""
     r2 = x * x + y * y + z * z
     # Without the branch for a divisor of zero that `/` has, spacecraft are flown side by side.
     factor = np.divide(-gm, r2 * math.sqrt(r2))
@@ -38,9 +54,9 @@ def _acceleration(
 def fly_states(states: FloatArray, times: FloatArray, gm: float, oblateness: float) -> FloatArray:
     """Return the states (n, m, 6) at n times from those (m, 6) at the first.
 
-    Parameters are those of `free_flight`, with the gravitational parameter, m3/s2, and 1.5 J2 times
-    the square of the radius of the Earth, m2; nothing is checked. Eight spacecraft take less time
-    than seven: those beyond a multiple of four are flown one by one.
+    Parameters are those of `free_flight`, with the gravitational parameter, m3/s2, and the
+    oblateness of `scale_oblateness`, m2; nothing is checked. Eight spacecraft take less time than
+    seven: those beyond a multiple of four are flown one by one.
     """
     flown = np.empty((len(times), len(states), 6))
     flown[0] = states
@@ -51,17 +67,17 @@ def fly_states(states: FloatArray, times: FloatArray, gm: float, oblateness: flo
             x, y, z = flown[n - 1, m, 0], flown[n - 1, m, 1], flown[n - 1, m, 2]
             vx, vy, vz = flown[n - 1, m, 3], flown[n - 1, m, 4], flown[n - 1, m, 5]
             # Velocities and accelerations of the four stages.
-            ax, ay, az = _acceleration(x, y, z, gm, oblateness)
+            ax, ay, az = acceleration_at(x, y, z, gm, oblateness)
             vx2, vy2, vz2 = vx + half * ax, vy + half * ay, vz + half * az
-            ax2, ay2, az2 = _acceleration(
+            ax2, ay2, az2 = acceleration_at(
                 x + half * vx, y + half * vy, z + half * vz, gm, oblateness
             )
             vx3, vy3, vz3 = vx + half * ax2, vy + half * ay2, vz + half * az2
-            ax3, ay3, az3 = _acceleration(
+            ax3, ay3, az3 = acceleration_at(
                 x + half * vx2, y + half * vy2, z + half * vz2, gm, oblateness
             )
             vx4, vy4, vz4 = vx + step * ax3, vy + step * ay3, vz + step * az3
-            ax4, ay4, az4 = _acceleration(
+            ax4, ay4, az4 = acceleration_at(
                 x + step * vx3, y + step * vy3, z + step * vz3, gm, oblateness
             )
             flown[n, m, 0] = x + sixth * (vx + 2.0 * vx2 + 2.0 * vx3 + vx4)
@@ -103,8 +119,7 @@ def free_flight(
         raise ValueError(f"states_gcrf: shape (m, 6) expected, got {states.shape}")
     if instants.ndim != 1 or not len(instants):
         raise ValueError(f"times: shape (n,) expected, got {instants.shape}")
-    oblateness = 1.5 * j2 * RADIUS_EARTH_JGM3**2
-    flown: FloatArray = fly_states(states, instants, GM_EARTH, oblateness)
+    flown: FloatArray = fly_states(states, instants, GM_EARTH, scale_oblateness(j2))
     return flown
 
 

@@ -11,8 +11,8 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from vtff_dynamics.constants import GM_EARTH, J2_EARTH, RADIUS_EARTH_JGM3
-from vtff_dynamics.orbit.free_flight import fly_states
+from vtff_dynamics.constants import GM_EARTH, J2_EARTH
+from vtff_dynamics.orbit.free_flight import fly_states, scale_oblateness
 from vtff_dynamics.vectors import FloatArray
 
 __all__ = ["gravity_acceleration", "gravity_jerk", "predict_state"]
@@ -42,7 +42,7 @@ def gravity_acceleration(
     x, y, z = np.asarray(position_gcrf, dtype=float).tolist()
     r2 = x * x + y * y + z * z
     factor = -gravitational_parameter / (r2 * math.sqrt(r2))
-    oblateness = 1.5 * j2 * RADIUS_EARTH_JGM3 * RADIUS_EARTH_JGM3 / r2
+    oblateness = scale_oblateness(j2) / r2
     sine_squared = z * z / r2
     equatorial = factor * (1.0 + oblateness * (1.0 - 5.0 * sine_squared))
     polar = factor * (1.0 + oblateness * (3.0 - 5.0 * sine_squared))
@@ -66,7 +66,7 @@ def gravity_jerk(
     range_rate_ratio = (x * vx + y * vy + z * vz) / r2
     factor = -gravitational_parameter / (r2 * math.sqrt(r2))
     factor_rate = -3.0 * factor * range_rate_ratio
-    oblateness = 1.5 * j2 * RADIUS_EARTH_JGM3 * RADIUS_EARTH_JGM3 / r2
+    oblateness = scale_oblateness(j2) / r2
     oblateness_rate = -2.0 * oblateness * range_rate_ratio
     sine_squared = z * z / r2
     sine_squared_rate = 2.0 * z * vz / r2 - 2.0 * sine_squared * range_rate_ratio
@@ -100,7 +100,6 @@ def predict_state(state_gcrf: npt.ArrayLike, duration: float, j2: float = J2_EAR
         As in `gravity_acceleration`.
     """
     start = np.array(state_gcrf, dtype=float, ndmin=2)
-    oblateness = 1.5 * j2 * RADIUS_EARTH_JGM3 * RADIUS_EARTH_JGM3
     times = np.array([0.0, duration])
-    end: FloatArray = fly_states(start, times, GM_EARTH, float(oblateness))[1, 0]
+    end: FloatArray = fly_states(start, times, GM_EARTH, float(scale_oblateness(j2)))[1, 0]
     return end

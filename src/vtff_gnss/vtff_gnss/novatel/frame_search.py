@@ -21,7 +21,6 @@ __all__ = [
     "MIN_HEADER_LENGTH",
     "RESPONSE_BIT",
     "find_intact_frames",
-    "read_integer",
 ]
 
 MAX_OTHER_PAYLOAD = 8192

@@ -196,7 +196,7 @@ class RelativeFilter:
     clock : float
         Receiver clock of the deputy less that of the chief, s.
     learning : LaterWork, optional
-        What is learnt of the noise for the next epochs; without it, it is learnt at once.
+        Work of learning the noise for the next epochs; without it the noise is learnt at once.
     """
 
     def __init__(

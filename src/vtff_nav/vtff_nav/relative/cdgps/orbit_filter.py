@@ -94,7 +94,7 @@ class AbsoluteFilter:
     ----------
     configuration : CdgpsConfiguration
     learning : LaterWork, optional
-        What is learnt of the noise for the next epochs; without it, it is learnt at once.
+        Work of learning the noise for the next epochs; without it the noise is learnt at once.
     """
 
     def __init__(
