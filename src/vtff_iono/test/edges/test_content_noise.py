@@ -114,19 +114,3 @@ def test_a_satellite_that_scatters_more_has_larger_variances():
     coefficients[:, :, 5:] = np.nan
     found = mode_variances(coefficients, np.full((9, 2), 0.1))
     assert (found[4, :, 0] > 4.0 * np.delete(found, 4, axis=0)[:, :, 0].max(axis=0)).all()
-
-
-def test_whitening_of_many_pairs_is_that_of_each_by_matrices():
-    relative = np.where(TIME < 5.0, 3.0, 1.0)
-    basis = slow_basis(TIME, HALF_WINDOW, ARCS).with_noise(np.array([relative, 1.0 / relative]))
-    variances = 2.0 ** -np.arange(2.0 * MOST_MODES).reshape(2, MOST_MODES)
-    whitening = basis.whitening(np.array([0.3, 0.05]), variances)
-    rows = np.random.default_rng(5).standard_normal((3, 2, len(TIME)))
-    found = whitening.apply(rows)
-    assert found.shape == rows.shape
-    for number in range(3):
-        for row in range(2):
-            columns = whitening.columns[row]
-            removed = np.eye(len(TIME)) - (columns * whitening.part[row]) @ columns.T
-            expected = removed @ (rows[number, row] / whitening.scale[row])
-            assert found[number, row] == pytest.approx(expected, abs=1e-11)

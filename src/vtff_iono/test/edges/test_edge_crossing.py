@@ -7,7 +7,6 @@ import pytest
 import scipy.special
 from formation_simulation import chapman
 
-from vtff_iono.edges.crossing_fit import solve_changes
 from vtff_iono.edges.edge_crossing import ContentSeries, fit_edge_crossings
 
 RATE = 20
@@ -219,16 +218,3 @@ def test_what_shows_no_edge_has_none():
         for one in series
     ]
     assert fit_edge_crossings(TIME, *unknown, EDGE, is_dense_above=False) is None
-
-
-@pytest.mark.parametrize("angle", [1.0, 1e-5, 0.0])
-def test_changes_of_content_are_those_of_least_squares(angle):
-    generator = np.random.default_rng(6)
-    observed, density, other = generator.standard_normal((3, 500))
-    design = np.array([density, 3.0 * density + angle * other])
-    residual, change = solve_changes(observed, design)
-    expected, *_ = np.linalg.lstsq(design.T, observed, rcond=1e-9)
-    assert residual == pytest.approx(observed - expected @ design, abs=1e-9)
-    assert change @ design == pytest.approx(expected @ design, abs=1e-9)
-    nothing, none = solve_changes(observed, np.zeros((2, 500)))
-    assert np.array_equal(nothing, observed) and np.array_equal(none, np.zeros(2))

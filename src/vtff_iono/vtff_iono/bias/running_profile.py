@@ -9,6 +9,7 @@ import numpy as np
 
 from vtff_dynamics.compiled import compiled
 from vtff_dynamics.constants import WGS84_SEMI_MAJOR_AXIS
+from vtff_dynamics.rounding import power
 from vtff_dynamics.vectors import FloatArray
 from vtff_iono.geometry.mapping import profile_content
 
@@ -142,7 +143,7 @@ class RunningProfile:
             Changes of the logarithms of the scale heights below and above the peak, and of the
             altitude of the peak in units of `PEAK_UNIT`.
         """
-        reshape_and_resize(self.table, change, 1.0)
+        reshape_and_resize(self.table, np.exp(change[:2]), float(change[2]), 1.0)
 
     def content_above(self, altitude: float) -> float:
         """Return the vertical content above an altitude (m), TECU."""
@@ -156,7 +157,7 @@ class RunningProfile:
 
     def resize(self, factor: float) -> None:
         """Multiply the modelled densities by a factor."""
-        reshape_and_resize(self.table, np.zeros(3), factor)
+        reshape_and_resize(self.table, np.ones(2), 0.0, factor)
 
     def move_constant(self, change: float) -> None:
         """Correct what was measured: the constant is more by a change, TECU, than was believed."""
@@ -211,7 +212,7 @@ def absorb_density(  # type: ignore[no-untyped-def]
     middle, half_width = 0.5 * (low + high), 0.5 * max(high - low, _STEP)
     first = np.searchsorted(table.altitude, middle - half_width)
     end = np.searchsorted(table.altitude, middle + half_width, "right")
-    sample_weight = 1.0 / sigma**2
+    sample_weight = 1.0 / power(sigma, 2.0)
     densities = table.densities
     for row in range(first, end):
         weight = min(table.weight[row], _MEMORY_SAMPLES * sample_weight) + sample_weight
@@ -225,19 +226,19 @@ def absorb_density(  # type: ignore[no-untyped-def]
 
 
 @compiled
-def reshape_and_resize(table, change, factor):  # type: ignore[no-untyped-def]
+def reshape_and_resize(table, height_factors, change_of_peak, factor):  # type: ignore[no-untyped-def]
     """Change the shape and the size of the model of a table; see `reshape` and `resize`.
 
-    The modelled densities, and the derivatives of them, are computed anew.
+    Scale heights are multiplied by `height_factors`, (2,). The modelled densities, and the
+    derivatives of them, are computed anew.
     """
     shape, densities = table.shape, table.densities
+    shape[:2] *= height_factors
+    shape[2] += PEAK_UNIT * change_of_peak
     for place in range(3):
-        changed = shape[place] + PEAK_UNIT * change[place]
-        if place < 2:
-            changed = shape[place] * math.exp(change[place])
-        shape[place] = min(max(changed, _SMALLEST_SHAPE[place]), _LARGEST_SHAPE[place])
-    table.scale[0] *= factor
+        shape[place] = min(max(shape[place], _SMALLEST_SHAPE[place]), _LARGEST_SHAPE[place])
     scale, peak = table.scale[0], shape[2]
+    table.scale[0] *= factor
     middle = np.searchsorted(table.altitude, peak)
     for side in range(2):
         rows = slice(0, middle) if side == 0 else slice(middle, len(table.altitude))
@@ -250,7 +251,7 @@ def reshape_and_resize(table, change, factor):  # type: ignore[no-untyped-def]
             distance = (altitude[row] - peak) / height
             exponential = math.exp(-distance)
             # Chapman (1931), alpha layer: exp((1 - z - exp(-z)) / 2).
-            value = scale * math.exp(0.5 * (1.0 - distance - exponential))
+            value = scale * math.exp(0.5 * (1.0 - distance - exponential)) * factor
             slope = 0.5 * value * (1.0 - exponential)
             density[row] = of_size[row] = value
             of_height[row], of_other[row] = distance * slope, 0.0

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from vtff_dynamics.compiled import compiled
 from vtff_dynamics.constants import SPEED_OF_LIGHT
-from vtff_dynamics.frames.geodetic import geodetic_from_itrf
+from vtff_dynamics.frames.geodetic import geodetic_from_itrf, rotation_to_enu_at
 from vtff_dynamics.vectors import FloatArray
 from vtff_iono.links.geometry_free import tecu_per_metre
 from vtff_iono.links.windows import WindowBuffer
@@ -78,22 +78,9 @@ def horizontal_sigma(
     if geodetic_chief is None:
         geodetic_chief = geodetic_from_itrf(position_chief_itrf)
     latitude, longitude = geodetic_chief[:2].tolist()
-    sigma: float = _sigma_over_distance(
-        gradient_sigma, position_chief_itrf, position_deputy_itrf, latitude, longitude
-    )
-    return sigma
-
-
-@compiled
-def _sigma_over_distance(  # type: ignore[no-untyped-def]
-    gradient_sigma, chief, deputy, latitude, longitude
-):
-    """Return what `horizontal_sigma` describes; arguments as there, angles in rad."""
-    sine, cosine = math.sin(longitude), math.cos(longitude)
-    x, y, z = deputy[0] - chief[0], deputy[1] - chief[1], deputy[2] - chief[2]
-    east = cosine * y - sine * x
-    north = math.cos(latitude) * z - math.sin(latitude) * (cosine * x + sine * y)
-    return math.hypot(gradient_sigma[0] * east, gradient_sigma[1] * north)
+    rotation = rotation_to_enu_at(latitude, longitude)
+    distance = rotation[:2] @ (position_deputy_itrf - position_chief_itrf)
+    return float(np.linalg.norm(gradient_sigma * distance))
 
 
 @compiled

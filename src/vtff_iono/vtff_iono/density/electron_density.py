@@ -43,7 +43,7 @@ import numpy.typing as npt
 from vtff_dynamics.vectors import FloatArray
 from vtff_iono.bias.running_profile import RunningProfile
 from vtff_iono.density.filter import second
-from vtff_iono.density.filter.content_design import empty_rays
+from vtff_iono.density.filter.content_design import elevation_functions, empty_rays
 from vtff_iono.density.filter.kernels import (
     COMMON,
     LAYER,
@@ -240,7 +240,7 @@ class ElectronDensityEstimator:
             if is_independent is None
             else np.asarray(is_independent, dtype=bool)
         )
-        is_told, values, rows, is_outlier = second.update_second(
+        is_told, values, rows, is_outlier, learned = second.update_second(
             self._table,
             self._filter_settings,
             self.profile.table,
@@ -249,8 +249,7 @@ class ElectronDensityEstimator:
             time,
             float(altitude_chief),
             float(altitude_deputy),
-            chief,
-            deputy,
+            *elevation_functions(chief, deputy),
             observed,
             sigma,
             numbers,
@@ -263,6 +262,14 @@ class ElectronDensityEstimator:
         )
         if not is_told:
             return self._without_density(middle, separation, len(observed))
+        second.update_model(
+            self._table,
+            self.profile.table,
+            np.exp(self._state[second.HEIGHTS]),
+            float(altitude_chief),
+            float(altitude_deputy),
+            learned,
+        )
         return _epoch(middle, separation, values, rows, is_outlier)
 
     def past_density(
@@ -310,8 +317,7 @@ class ElectronDensityEstimator:
             float(elapsed),
             float(altitude_chief),
             float(altitude_deputy),
-            chief,
-            deputy,
+            *elevation_functions(chief, deputy),
             observed,
             sigma,
             numbers,
@@ -367,8 +373,7 @@ class ElectronDensityEstimator:
             self._rays,
             float(altitude_chief),
             float(altitude_deputy),
-            chief,
-            deputy,
+            *elevation_functions(chief, deputy),
             numbers,
         )
         return contents, spread

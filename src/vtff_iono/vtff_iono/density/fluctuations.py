@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from vtff_dynamics.compiled import compiled
+from vtff_dynamics.rounding import exact_total, power, total
 from vtff_dynamics.vectors import FloatArray
 from vtff_iono.density.phase_differences import (
     DEVIATION,
@@ -130,16 +131,16 @@ def mean_over_scatter(table):  # type: ignore[no-untyped-def]
 @compiled
 def _fluctuation_left(table):  # type: ignore[no-untyped-def]
     """Return the part of the remembered fluctuation that there may still be."""
-    count, total = 0, 0.0
+    count, parts = 0, np.empty(_SECONDS_OF_END * _NUMBERS)
     for second in range(_SECONDS_OF_END):
         for prn in range(_NUMBERS):
             value = table.recent[second, prn]
             if not math.isnan(value) and table.excess[prn] > 0.0:
-                total += value / table.excess[prn]
+                parts[count] = value / table.excess[prn]
                 count += 1
     if count < _FEWEST_OF_END or table.seconds[0] < _SECONDS_OF_END:
         return 1.0
-    return min(1.0, _MARGIN_OF_END * (total / count))
+    return min(1.0, _MARGIN_OF_END * (exact_total(parts[:count]) / count))
 
 
 @compiled
@@ -220,24 +221,16 @@ def raise_doubted(  # type: ignore[no-untyped-def]
             fluctuating += table.excess[prn[row]] > 0.0
     if fluctuating == 0 or count < FEWEST_WITNESSES:
         return
-    values, weights = np.empty(count), np.empty(count)
-    for place in range(count):
-        row = rows[place]
-        values[place] = columns[GEOMETRIC, row] - cycles_per_tecu * columns[STEC, row]
-        weights[place] = 1.0 / (noise_square * sigma[row] ** 2 + lasting_variance)
-    total = weights.sum()
-    mean = (weights * values).sum() / total
-    squares, weight_of_fluctuating = 0.0, 0.0
-    for place in range(count):
-        if table.excess[prn[rows[place]]] > 0.0:
-            squares += weights[place] * (values[place] - mean) ** 2
-            weight_of_fluctuating += weights[place]
+    rows = rows[:count]
+    values = columns[GEOMETRIC][rows] - cycles_per_tecu * columns[STEC][rows]
+    weights = 1.0 / (noise_square * sigma[rows] ** 2 + lasting_variance)
+    whole = total(weights)
+    mean = weights @ values / whole
+    chosen = table.excess[prn[rows]] > 0.0
+    squares = total(weights[chosen] * (values[chosen] - mean) ** 2)
     # All that fluctuate do so alike. The clock has taken a part of their errors.
-    expected = fluctuating - weight_of_fluctuating / total
-    factor = math.sqrt(max(squares / max(expected, 0.5), 1.0))
-    for place in range(count):
-        if table.excess[prn[rows[place]]] > 0.0:
-            sigma[rows[place]] *= factor
+    expected = fluctuating - total(weights[chosen]) / whole
+    sigma[rows[chosen]] *= math.sqrt(max(squares / max(expected, 0.5), 1.0))
 
 
 @compiled
@@ -262,14 +255,14 @@ def measure_fades(table, prn, samples, columns, errors, sigma):  # type: ignore[
     for row in range(count):
         noise = 0.5 * columns[STEP_SQUARED, row]
         scatter = columns[DEVIATION_SQUARED, row] - columns[DEVIATION, row] ** 2
-        change = 0.5 * (now[row] - table.last_fixed[satellites[row]]) ** 2 / share
+        change = 0.5 * power(now[row] - table.last_fixed[satellites[row]], 2.0) / share
         # Neither a satellite without an orbit nor one that is not used tells anything.
         if scatter <= LARGE_SCATTER * noise or not math.isfinite(change + sigma[row]):
             continue
-        variance = sigma[row] ** 2
-        change = min(change, _LARGEST_CHANGE * variance)
-        of_means += (change - noise / samples[row]) / variance
-        of_scatter += (scatter - noise) / variance
+        change = min(change, _LARGEST_CHANGE * power(sigma[row], 2.0))
+        weight = power(sigma[row], -2.0)
+        of_means += weight * (change - noise / samples[row])
+        of_scatter += weight * (scatter - noise)
         fading += 1
     table.last_fixed[:] = math.nan
     for row in range(count):
@@ -299,7 +292,7 @@ def add_changes(table, prn, samples, columns, last, now, least_noise):  # type: 
         if before < 0:
             continue
         noise = 0.5 * columns[STEP_SQUARED, row] / samples[row]
-        change = 0.5 * (now.error[row] - last.error[before]) ** 2
+        change = 0.5 * power(now.error[row] - last.error[before], 2.0)
         if change > _LARGE_CHANGE * max(noise, least_noise):
             number = prn[row]
             mean = table.excess[number]

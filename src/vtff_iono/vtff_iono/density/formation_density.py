@@ -665,7 +665,7 @@ class FormationDensity:
         gradient = None if chief.epoch is None else chief.epoch.gradient_sigma
         if gradient is None or not math.isfinite(gradient[0] + gradient[1]):
             per_deg = self._settings.gradient_sigma_tecu_per_deg
-            gradient = np.full(2, math.degrees(per_deg / math.hypot(*positions[0].tolist())))
+            gradient = np.full(2, math.degrees(per_deg / float(np.linalg.norm(positions[0]))))
         return horizontal_sigma(gradient, positions[0], positions[1], geodetic_chief)
 
     def _resolve_integers(

@@ -207,13 +207,18 @@ class IntegerResolver:
         """Sigma of the wide lane of a second of a satellite with integers, by codes, cycles."""
         return math.sqrt(self.measured[OF_CODES])
 
+    @property
+    def geometric_sigma(self) -> float:
+        """Sigma of the lasting errors of wide lanes by geometry, cycles."""
+        return math.sqrt(self.measured[OF_GEOMETRY])
+
     def geometric_variance(self, content_sigma: _Numbers, relative_sigma_cycles: float) -> _Numbers:
         """Return the variance of wide lanes by geometry of a second, cycles^2.
 
         `content_sigma` is that of the contents, TECU; `relative_sigma_cycles` is that of the
         position of one spacecraft from the other.
         """
-        lasting = float(self.measured[OF_GEOMETRY]) + relative_sigma_cycles**2
+        lasting = self.geometric_sigma**2 + relative_sigma_cycles**2
         return self.noise_square * content_sigma**2 + lasting
 
     def add_geometric(self, errors: Sequence[tuple[float, float]]) -> None:
@@ -263,7 +268,7 @@ class IntegerResolver:
             if error is not None:
                 chosen.append(row)
                 errors.append(error)
-        lasting = float(self.measured[OF_GEOMETRY]) + relative_sigma_cycles**2
+        lasting = self.geometric_sigma**2 + relative_sigma_cycles**2
         joint = self._joint_covariance(
             errors, covariance[np.ix_(chosen, chosen)], clock_variance, lasting
         )

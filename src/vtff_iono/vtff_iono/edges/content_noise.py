@@ -20,14 +20,12 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from vtff_dynamics.compiled import compiled
 from vtff_dynamics.vectors import FloatArray
 
 __all__ = [
     "MOST_MODES",
     "ContentNoise",
     "SlowBasis",
-    "compile_kernels",
     "first_noise",
     "mode_variances",
     "noise_of_residuals",
@@ -90,11 +88,6 @@ class SlowBasis:
         scaled = rows / self.relative
         return np.asarray(scaled - _combined(self.columns, _coefficients(self.columns, scaled)))
 
-    @functools.cached_property
-    def by_column(self) -> FloatArray:
-        """The columns with the samples of each one after the other, shape (2, p, k)."""
-        return np.ascontiguousarray(np.swapaxes(self.columns, 1, 2))
-
     def whitening(self, sigma: FloatArray, variances: FloatArray) -> PairWhitening:
         """Return what makes rows whose noise has the covariance of one.
 
@@ -109,8 +102,7 @@ class SlowBasis:
         modes = part.shape[1] - self.unknown
         ratio = variances[:, :modes] / sigma[:, np.newaxis] ** 2
         part[:, self.unknown :] -= 1.0 / np.sqrt(1.0 + ratio)
-        scale = self.relative * sigma[:, np.newaxis]
-        return PairWhitening(self.columns, self.by_column, scale, part)
+        return PairWhitening(self.columns, self.relative * sigma[:, np.newaxis], part)
 
     def modes(self, rows: FloatArray) -> FloatArray:
         """Return coefficients of degree 3 and more, shape (2, MOST_MODES); NaN without one."""
@@ -126,7 +118,7 @@ class PairWhitening:
 
     Parameters
     ----------
-    columns, by_column : ndarray, shapes (2, k, p) and (2, p, k)
+    columns : ndarray, shape (2, k, p)
         As in `SlowBasis`.
     scale : ndarray, shape (2, k)
         Sigmas of the white noise.
@@ -135,15 +127,14 @@ class PairWhitening:
     """
 
     columns: FloatArray
-    by_column: FloatArray
     scale: FloatArray
     part: FloatArray
 
     def apply(self, rows: FloatArray) -> FloatArray:
         """Return rows, shape (..., 2, k), in units of their noise."""
-        pairs = np.ascontiguousarray(rows.reshape(-1, *rows.shape[-2:]))
-        whitened: FloatArray = _whiten(pairs, self.columns, self.by_column, self.scale, self.part)
-        return whitened.reshape(rows.shape)
+        scaled = rows / self.scale
+        scaled -= _combined(self.columns, _coefficients(self.columns, scaled) * self.part)
+        return scaled
 
 
 def slow_basis(
@@ -166,7 +157,9 @@ def slow_basis(
     powers = np.polynomial.legendre.legvander(time_from_middle / half_window, degree)[:, 1:]
     columns, _ = np.linalg.qr(np.column_stack((constants, powers)))
     even = np.ones((2, len(arc)))
-    return SlowBasis(columns, even, np.stack((columns, columns)), constants.shape[1] + _DEGREE)
+    return SlowBasis(
+        columns, even, np.broadcast_to(columns, (2, *columns.shape)), constants.shape[1] + _DEGREE
+    )
 
 
 def _coefficients(columns: FloatArray, rows: FloatArray) -> FloatArray:
@@ -177,32 +170,6 @@ def _coefficients(columns: FloatArray, rows: FloatArray) -> FloatArray:
 def _combined(columns: FloatArray, coefficients: FloatArray) -> FloatArray:
     """Return the sums of columns, (2, k, p), with coefficients, (..., 2, p): (..., 2, k)."""
     return np.asarray(np.matmul(columns, coefficients[..., np.newaxis])[..., 0])
-
-
-@compiled
-def _whiten(rows, columns, by_column, scale, part):  # type: ignore[no-untyped-def]
-    """Return pairs of rows, shape (m, 2, k), in units of their noise.
-
-    The other arguments are those of `PairWhitening`: that the columns are there in both orders
-    makes each of the two inner loops one over neighbours in memory.
-    """
-    pairs, _, samples = rows.shape
-    number = columns.shape[2]
-    result = np.empty(rows.shape)
-    for pair in range(pairs):
-        for row in range(2):
-            scaled = result[pair, row]
-            of_columns = np.zeros(number)
-            for sample in range(samples):
-                value = rows[pair, row, sample] / scale[row, sample]
-                scaled[sample] = value
-                for column in range(number):
-                    of_columns[column] += value * columns[row, sample, column]
-            for column in range(number):
-                removed = of_columns[column] * part[row, column]
-                for sample in range(samples):
-                    scaled[sample] -= removed * by_column[row, column, sample]
-    return result
 
 
 def white_sigma(rows: FloatArray, samples: tuple[int, ...], removed: FloatArray) -> FloatArray:
@@ -342,12 +309,19 @@ class ContentNoise:
     def whiten(self, pairs: Iterable[FloatArray]) -> FloatArray:
         """Return D and M of all satellites, each of shape (..., 2, k), in units of noise.
 
-        The result has the shape (..., m): the numbers of all satellites one after the other.
+        The result has the shape (m, ...): the numbers of all satellites one after the other.
         """
         whitened = [
             whitening.apply(pair) for whitening, pair in zip(self.whitenings, pairs, strict=True)
         ]
-        return np.concatenate([rows.reshape(*rows.shape[:-2], -1) for rows in whitened], axis=-1)
+        before = whitened[0].shape[:-2]
+        result = np.empty((sum(rows.shape[-1] for rows in whitened) * 2, *before))
+        begin = 0
+        for rows in whitened:
+            end = begin + 2 * rows.shape[-1]
+            result[begin:end] = np.moveaxis(rows.reshape(*before, end - begin), -1, 0)
+            begin = end
+        return result
 
 
 def first_noise(
@@ -411,9 +385,3 @@ def noise_of_residuals(
     modes = [basis.modes(error) for basis, error in of_satellites]
     sigma = np.array(white)
     return ContentNoise(bases, sigma, mode_variances(np.array(modes), sigma))
-
-
-def compile_kernels() -> None:
-    """Compile the whitening, which would delay the first wall."""
-    ones = np.ones((2, 1))
-    _whiten(np.ones((1, 2, 1)), np.ones((2, 1, 1)), np.ones((2, 1, 1)), ones, ones)

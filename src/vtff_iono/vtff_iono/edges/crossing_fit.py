@@ -17,7 +17,6 @@ import numpy.typing as npt
 
 from vtff_dynamics.compiled import compiled
 from vtff_dynamics.vectors import FloatArray
-from vtff_iono.edges import content_noise
 from vtff_iono.edges.content_noise import (
     ContentNoise,
     SlowBasis,
@@ -36,7 +35,6 @@ __all__ = [
     "difference_and_mean",
     "fit_line",
     "fit_widths",
-    "solve_changes",
 ]
 
 DEPTH_UNIT = 1e3
@@ -50,8 +48,6 @@ _LEAST_DROP = 1e-3
 _DAMPING, _LESS_DAMPING, _MORE_DAMPING = 1e-3, 0.2, 5.0
 # Step of the parameters for derivatives; as a part where they are larger than one.
 _PARAMETER_STEP = 1e-3
-# Angle between two columns below which they are the same one.
-_LEAST_ANGLE = 1e-10
 # Number of altitudes that are searched.
 _SEARCH_STEPS = 20
 # Depths are in km and altitudes in units of 100 m, so that all parameters are near one.
@@ -117,7 +113,7 @@ class Window:
         return noise.whiten(satellite.observed for satellite in self.satellites)
 
     def design(self, noise: ContentNoise, wall: Wall, dense_side: float) -> FloatArray:
-        """Return what the wall adds to `whitened`, shape (2, m); see `_wall`."""
+        """Return what the wall adds to `whitened`, shape (m, 2); see `_wall`."""
         both = np.array(self._wall(wall, dense_side))
         return noise.whiten(satellite.change(both) for satellite in self.satellites)
 
@@ -262,7 +258,7 @@ def _costs(window: Window, fit: WallFit, fits: list[WallFit], dense_side: float)
     costs = np.zeros(len(window.satellites))
     for other in fits:
         design = window.design(other.noise, fit.wall, dense_side)
-        residual, _ = solve_changes(window.whitened(other.noise), design)
+        residual, _, _ = _solution(window.whitened(other.noise), design)
         costs += [float(part @ part) / len(fits) for part in np.split(residual, ends)]
     return costs
 
@@ -279,7 +275,7 @@ class _Fitted:
         self._window, self._dense_side = window, dense_side
         self._origin, self._shape = wall.altitude, wall.shape
         self._parameters = np.array([0.0, 0.0, _square_of(wall.width)])
-        self._derivatives = np.empty((3, 0))
+        self._derivatives = np.empty((0, 3))
         self._observed = window.whitened(noise)
 
     @property
@@ -293,7 +289,7 @@ class _Fitted:
 
     def errors(self) -> list[FloatArray]:
         """Return the residuals of D and M of each satellite, TECU."""
-        _, change = solve_changes(self._observed, self._design(self.wall))
+        _, change, _ = _solution(self._observed, self._design(self.wall))
         return self._window.residuals(self.wall, self._dense_side, change)
 
     def search(self, reach: float) -> None:
@@ -309,13 +305,13 @@ class _Fitted:
 
     def result(self, is_jackknife: bool = False) -> WallFit | None:
         """Return the fit; None if contents do not determine it."""
-        information = self._derivatives @ self._derivatives.T
+        information = self._derivatives.T @ self._derivatives
         # The samples do not determine the width of a thin wall; the altitudes do not depend on it.
         information[2, 2] += _WIDTH_PRIOR**-4
         if not np.linalg.cond(information) < 1e12:
             return None
-        residual, change = solve_changes(self._observed, self._design(self.wall))
-        drop = float(self._observed @ self._observed - residual @ residual)
+        _, change, significance = _solution(self._observed, self._design(self.wall))
+        residual = self._residuals(self._parameters)
         satellites = self._window.satellites
         spread = _spread(self._derivatives, residual, information, satellites, is_jackknife)
         return WallFit(
@@ -324,7 +320,7 @@ class _Fitted:
             covariance=_ALTITUDE_UNIT**2 * spread[:2, :2],
             square_sigma=math.sqrt(spread[2, 2]) * DEPTH_UNIT**2,
             change=float(change[0]),
-            significance=math.sqrt(max(0.0, drop)),
+            significance=significance,
         )
 
     def _place(self, parameters: FloatArray) -> Wall:
@@ -335,7 +331,7 @@ class _Fitted:
         return self._window.design(self.noise, wall, self._dense_side)
 
     def _residuals(self, parameters: FloatArray) -> FloatArray:
-        return solve_changes(self._observed, self._design(self._place(parameters)))[0]
+        return _solution(self._observed, self._design(self._place(parameters)))[0]
 
 
 def _spread(
@@ -356,9 +352,9 @@ def _spread(
     ends = np.cumsum([satellite.observed.size for satellite in satellites])[:-1]
     pulls = np.array(
         [
-            of_satellite @ error
+            of_satellite.T @ error
             for of_satellite, error in zip(
-                np.split(derivatives, ends, axis=1), np.split(residual, ends), strict=True
+                np.split(derivatives, ends), np.split(residual, ends), strict=True
             )
         ]
     )
@@ -368,10 +364,8 @@ def _spread(
         # A satellite of which much is known has pulled the fit to itself, and seems to agree.
         moved = np.array(
             [
-                np.linalg.solve(information - of_satellite @ of_satellite.T, pull)
-                for of_satellite, pull in zip(
-                    np.split(derivatives, ends, axis=1), pulls, strict=True
-                )
+                np.linalg.solve(information - of_satellite.T @ of_satellite, pull)
+                for of_satellite, pull in zip(np.split(derivatives, ends), pulls, strict=True)
             ]
         )
         moved *= (count - 1) / count
@@ -386,19 +380,19 @@ def _spread(
 def _least_squares(
     residuals: Callable[[FloatArray], FloatArray], start: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return parameters of the least sum of squares near a start, and derivatives there, (3, m).
+    """Return parameters of the least sum of squares near a start, and the derivatives there.
 
     Steps of the derivatives are absolute: parameters may be zero, where a relative one is lost.
     """
     parameters, value = start, residuals(start)
     cost, damping = float(value @ value), _DAMPING
-    derivatives = np.empty((len(start), len(value)))
+    derivatives = np.empty((len(value), len(start)))
     for _ in range(_STEPS):
         for index, step in enumerate(_PARAMETER_STEP * np.maximum(1.0, np.abs(parameters))):
             beside = parameters.copy()
             beside[index] += step
-            derivatives[index] = (residuals(beside) - value) / step
-        normal, gradient = derivatives @ derivatives.T, derivatives @ value
+            derivatives[:, index] = (residuals(beside) - value) / step
+        normal, gradient = derivatives.T @ derivatives, derivatives.T @ value
         drop = 0.0
         for _ in range(_SHORTER):
             damped = normal + damping * (np.diag(np.diag(normal)) + 1e-9 * np.eye(len(start)))
@@ -430,27 +424,15 @@ def _square_of(width: float) -> float:
     return max(0.0, width**2 - _LEAST_WIDTH**2) / DEPTH_UNIT**2
 
 
-def solve_changes(observed: FloatArray, design: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return residuals over their sigmas, and changes of content, (2,), for a design of (2, m).
+def _solution(observed: FloatArray, design: FloatArray) -> tuple[FloatArray, FloatArray, float]:
+    """Return residuals over their sigmas, changes of content, (2,), and significance.
 
-    The density next to the edge and its gradient are estimated, common to all satellites. Two
-    columns are made orthogonal one after the other, which is as good as any decomposition of them
-    (Gram-Schmidt; Björck 1967, BIT 7:1).
+    The density next to the edge and its gradient are estimated, common to all satellites.
     """
-    density, gradient = design
-    size = math.sqrt(float(density @ density))
-    along = density / size if size > 0.0 else density
-    shared = float(along @ gradient)
-    across = gradient - shared * along
-    square = float(across @ across)
-    # A wall beyond all samples, or a gradient that is that of the density, changes nothing.
-    is_told = square > (_LEAST_ANGLE**2) * float(gradient @ gradient)
-    of_gradient = float(across @ observed) / square if is_told else 0.0
-    residual = observed - of_gradient * across
-    of_density = float(along @ residual)
-    residual -= of_density * along
-    change = (of_density - shared * of_gradient) / size if size > 0.0 else 0.0
-    return residual, np.array([change, of_gradient])
+    change, *_ = np.linalg.lstsq(design, observed, rcond=None)
+    residual = observed - design @ change
+    drop = float(observed @ observed - residual @ residual)
+    return residual, np.asarray(change), math.sqrt(max(0.0, drop))
 
 
 def difference_and_mean(pair: FloatArray) -> FloatArray:
@@ -476,6 +458,5 @@ def _changes(path, vertical, samples):  # type: ignore[no-untyped-def]
 
 
 def compile_kernels() -> None:
-    """Compile what walls add to contents, and its whitening, which would delay the first wall."""
-    content_noise.compile_kernels()
+    """Compile what walls add to contents, which would delay the first wall."""
     _changes(np.ones((2, 1)), np.ones((1, 2, 1)), np.zeros(1, dtype=np.int64))

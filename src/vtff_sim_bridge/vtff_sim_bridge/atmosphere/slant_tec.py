@@ -26,7 +26,6 @@ from vtff_dynamics.vectors import FloatArray
 from vtff_gnss.constants import ELECTRONS_PER_TECU
 from vtff_sim_bridge.atmosphere.electron_density import MOMENT_LENGTH, ElectronDensityProfile
 from vtff_sim_bridge.atmosphere.slant_tec_kernels import (
-    cell_edges,
     centred_moments,
     ray_geometry,
     ray_kernel,
@@ -41,6 +40,8 @@ __all__ = [
 ALTITUDE_MODELS = ("ellipsoidal", "spherical")
 """Names accepted by `SlantTecIntegrator`."""
 
+# Widths of cells grow by this factor with their distance from the perigee.
+_CELL_RATIO = 1.25
 # Chebyshev nodes of a cell [-1, 1], and the matrix that turns moments into weights at them.
 _NODES = np.cos(np.pi * (2.0 * np.arange(4) + 1.0) / 8.0)
 _WEIGHTS_FROM_MOMENTS = np.linalg.inv(np.vander(_NODES, increasing=True).T)
@@ -230,7 +231,9 @@ class SlantTecIntegrator:
         All arguments but `start` (m, n) have shape (m, 1).
         """
         profile = self.profile
-        edges = cell_edges(altitude, nearest, profile.altitude_top)
+        reach = 1.0 + np.maximum(profile.altitude_top - altitude, 0.0) / nearest
+        cells = max(1, math.ceil(math.log(reach.max()) / math.log(_CELL_RATIO)))
+        edges = altitude + nearest * (reach ** (np.arange(cells + 1) / cells) - 1.0)
         moments = centred_moments(
             profile.cumulative_moments(edges), edges, profile.altitude_peak, MOMENT_LENGTH
         )

@@ -12,11 +12,10 @@ import numpy as np
 
 from vtff_dynamics.compiled import compiled
 
-__all__ = ["cell_edges", "centred_moments", "ray_geometry", "ray_kernel", "rise_from_perigee"]
+__all__ = ["centred_moments", "ray_geometry", "ray_kernel", "rise_from_perigee"]
 
 _NEAREST = 5e3
 _NEAREST_PER_ALTITUDE = 0.01
-_CELL_RATIO = 1.25
 # Moments are divided by half the width of a cell, which is none where a ray begins at the top.
 _NARROWEST_HALF = 1e-3  # m
 
@@ -123,29 +122,6 @@ def rise_from_perigee(radius, start, radius_zero, bottom, peak, top):  # type: i
             is_low[k, n] = distance < near and height < top
             is_any_low = is_any_low or is_low[k, n]
     return altitude, nearest, is_low, is_any_low, is_above
-
-
-@compiled
-def cell_edges(altitude, nearest, top):  # type: ignore[no-untyped-def]
-    """Return altitudes between cells that grow with their distance from the perigee, (m, c + 1).
-
-    Parameters
-    ----------
-    altitude, nearest : ndarray, shape (m, 1)
-        Altitude at which the cells begin, and its least distance from the perigee, m.
-    top : float
-        Altitude at which they end, m.
-    """
-    count = len(altitude)
-    reach = np.empty(count)
-    for k in range(count):
-        reach[k] = 1.0 + max(top - altitude[k, 0], 0.0) / nearest[k, 0]
-    cells = max(1, math.ceil(math.log(reach.max()) / math.log(_CELL_RATIO)))
-    edges = np.empty((count, cells + 1))
-    for k in range(count):
-        for j in range(cells + 1):
-            edges[k, j] = altitude[k, 0] + nearest[k, 0] * (reach[k] ** (j / cells) - 1.0)
-    return edges
 
 
 @compiled

@@ -6,7 +6,6 @@ The equation of the contents, and what its states are, is that of
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -20,13 +19,20 @@ from vtff_iono.bias.running_profile import CONSTANT, SHAPE, SIZE, mean_between, 
 from vtff_iono.density.filter.kernels import CHANGE, COMMON, DENSITY, FIRST_SHAPE, SHAPE_NUMBERS
 from vtff_iono.geometry.mapping import set_ray_weights
 
-__all__ = ["RayTable", "content_design", "empty_rays", "find_rays", "vertical_design"]
+__all__ = [
+    "RayTable",
+    "content_design",
+    "elevation_functions",
+    "empty_rays",
+    "find_rays",
+    "vertical_design",
+]
 
 # First row of the shape in `RunningProfile.densities`.
 _SHAPE_ROW: int = SHAPE.start
 _DENSITIES = 6
 # Cosine of the elevation of the zenith.
-_COSINE_OF_ZENITH = math.cos(0.5 * math.pi)
+_COSINE_OF_ZENITH = float(np.cos(0.5 * np.pi))
 
 
 class RayTable(NamedTuple):
@@ -36,8 +42,6 @@ class RayTable(NamedTuple):
     ----------
     perigee, radius : ndarray, shape (m,)
         As in `vtff_iono.geometry.mapping.contents_of_rays`, m.
-    first : ndarray of int64, shape (m,)
-        First density of the profile that adds to the content of each ray.
     weight : ndarray, shape (m, n)
         Lengths that the densities are multiplied with, m.
     filled : ndarray of int64, shape (1,)
@@ -46,7 +50,6 @@ class RayTable(NamedTuple):
 
     perigee: FloatArray
     radius: FloatArray
-    first: npt.NDArray[np.int64]
     weight: FloatArray
     filled: npt.NDArray[np.int64]
 
@@ -56,10 +59,20 @@ def empty_rays(most: int, altitudes: int) -> RayTable:
     return RayTable(
         np.zeros(most),
         np.zeros(most),
-        np.zeros(most, dtype=np.int64),
         np.zeros((most, altitudes)),
         np.zeros(1, dtype=np.int64),
     )
+
+
+def elevation_functions(
+    elevation_chief: FloatArray, elevation_deputy: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the cosines of elevations at both spacecraft, and the sines of their means, (n,).
+
+    Functions of arrays are quicker than loops where a processor computes eight at once.
+    """
+    mean = 0.5 * (elevation_chief + elevation_deputy)
+    return np.cos(elevation_chief), np.cos(elevation_deputy), np.sin(mean)
 
 
 @compiled
@@ -104,7 +117,7 @@ def find_rays(rays, perigee, radius, altitude):  # type: ignore[no-untyped-def]
             row += 1
         if row == rays.filled[0]:
             rays.perigee[row], rays.radius[row] = perigee[ray], radius[ray]
-            rays.first[row] = set_ray_weights(perigee[ray], radius[ray], altitude, rays.weight[row])
+            set_ray_weights(perigee[ray], radius[ray], altitude, rays.weight[row])
             rays.filled[0] += 1
         found[ray] = row
     return found
@@ -113,22 +126,20 @@ def find_rays(rays, perigee, radius, altitude):  # type: ignore[no-untyped-def]
 @compiled
 def _set_contents(rays, row, densities, contents):  # type: ignore[no-untyped-def]
     """Set the contents of a ray, TECU, of each row of densities (6, n), in place, (6,)."""
-    first = rays.first[row]
-    weight = rays.weight[row, first:]
     for kind in range(len(densities)):
-        contents[kind] = densities[kind, first:] @ weight / ELECTRONS_PER_TECU
+        contents[kind] = densities[kind] @ rays.weight[row] / ELECTRONS_PER_TECU
 
 
 @compiled
 def content_design(  # type: ignore[no-untyped-def]
-    elevation_chief, elevation_deputy, altitude_chief, altitude_deputy, table, rays, state
+    cosine_chief, cosine_deputy, sine, altitude_chief, altitude_deputy, table, rays, state
 ):
     """Return the derivatives of differential contents, and the contents that are modelled.
 
     Parameters
     ----------
-    elevation_chief, elevation_deputy : ndarray, shape (n,)
-        Elevations of the satellites at both spacecraft, rad.
+    cosine_chief, cosine_deputy, sine : ndarray, shape (n,)
+        As of `elevation_functions`.
     altitude_chief, altitude_deputy : float
         m.
     table : ProfileTable
@@ -144,13 +155,13 @@ def content_design(  # type: ignore[no-untyped-def]
         Contents, TECU, of a state that is zero but for the profile's own b: what of the profile
         changes with b is in the product of derivative and state, too.
     """
-    count, altitude, densities = len(elevation_chief), table.altitude, table.densities
+    count, altitude, densities = len(cosine_chief), table.altitude, table.densities
     perigee, radius = np.empty(2 * count), np.empty(2 * count)
     for row in range(count):
         radius[row] = WGS84_SEMI_MAJOR_AXIS + altitude_chief
         radius[count + row] = WGS84_SEMI_MAJOR_AXIS + altitude_deputy
-        perigee[row] = radius[row] * math.cos(elevation_chief[row])
-        perigee[count + row] = radius[count + row] * math.cos(elevation_deputy[row])
+        perigee[row] = radius[row] * cosine_chief[row]
+        perigee[count + row] = radius[count + row] * cosine_deputy[row]
     found = find_rays(rays, perigee, radius, altitude)
     low, high = min(altitude_chief, altitude_deputy), max(altitude_chief, altitude_deputy)
     between = np.empty(_DENSITIES)
@@ -159,8 +170,7 @@ def content_design(  # type: ignore[no-untyped-def]
     common, modelled = np.empty((count, COMMON)), np.empty(count)
     of_chief, difference = np.empty(_DENSITIES), np.empty(_DENSITIES)
     for row in range(count):
-        sine = math.sin(0.5 * (elevation_chief[row] + elevation_deputy[row]))
-        path = (altitude_deputy - altitude_chief) / sine
+        path = (altitude_deputy - altitude_chief) / sine[row]
         _set_contents(rays, found[row], densities, of_chief)
         _set_contents(rays, found[count + row], densities, difference)
         for kind in range(_DENSITIES):

@@ -300,14 +300,14 @@ def unsaid_variances(innovation, covariance, unknown, largest_sigmas):  # type: 
     others, off = np.flatnonzero(~is_off), np.flatnonzero(is_off)
     if len(off) == 0:
         return variance
-    weighted = np.empty((len(others), 1))
-    weighted[:, 0] = innovation[others]
-    _solve(_factorise(covariance[others][:, others]), weighted)
-    for row in off:
-        error = innovation[row]
-        for place in range(len(others)):
-            error -= covariance[row, others[place]] * weighted[place, 0]
-        variance[row] = error**2
+    of_others = covariance[others]
+    gain = np.linalg.solve(of_others[:, others], of_others[:, off])
+    expected = np.empty(len(off))
+    if len(off) == 1:
+        expected[0] = gain[:, 0].copy() @ innovation[others]
+    else:
+        expected[:] = np.ascontiguousarray(gain).T @ innovation[others]
+    variance[off] = (innovation[off] - expected) ** 2
     return variance
 
 

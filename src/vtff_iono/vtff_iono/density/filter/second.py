@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from vtff_dynamics.compiled import compiled
+from vtff_dynamics.rounding import power, total
 from vtff_dynamics.vectors import FloatArray
 from vtff_gnss.constants import ELECTRONS_PER_TECU
 from vtff_iono.bias.running_profile import (
@@ -47,6 +48,7 @@ __all__ = [
     "EPOCH_DENSITY",
     "EPOCH_SIGMA",
     "FAST_SIGMA",
+    "HEIGHTS",
     "IS_BIAS_NEW",
     "IS_CHECKED",
     "KEPT",
@@ -58,8 +60,12 @@ __all__ = [
     "pass_to",
     "past_second",
     "predicted_contents",
+    "update_model",
     "update_second",
 ]
+
+HEIGHTS = slice(FIRST_SHAPE, FIRST_SHAPE + 2)
+"""Places of the changes of the logarithms of the scale heights in the state."""
 
 LAST_TIME, SLOW_VARIANCE, IS_BIAS_NEW, IS_CHECKED = range(4)
 """Places of `FilterTable.memory`."""
@@ -158,7 +164,7 @@ def pass_to(table, settings, profile, slow, time):  # type: ignore[no-untyped-de
     elapsed = 0.0 if math.isnan(memory[LAST_TIME]) else max(0.0, time - memory[LAST_TIME])
     memory[LAST_TIME] = time
     # What the errors of measurements prove to be changes what was learned from them.
-    variance = values[SIGMA] ** 2
+    variance = power(values[SIGMA], 2.0)
     ratio = variance / memory[SLOW_VARIANCE]
     memory[SLOW_VARIANCE] = variance
     decay = math.exp(-elapsed / values[CORRELATION_TIME])
@@ -205,7 +211,7 @@ def _add_content(  # type: ignore[no-untyped-def]
     design, modelled = vertical_design(altitude, profile, rays, table.state)
     repeated = max(1.0, 2.0 * settings.content_time / elapsed)
     residual = np.full(1, vtec_tecu - modelled)
-    _correct_all(table, profile, design, residual, np.full(1, repeated * sigma_tecu**2))
+    _correct_all(table, profile, design, residual, np.full(1, repeated * power(sigma_tecu, 2.0)))
 
 
 @compiled
@@ -245,27 +251,11 @@ def _examine_contents(  # type: ignore[no-untyped-def]
 @compiled
 def _keep_positive(table, settings, profile):  # type: ignore[no-untyped-def]
     """Pull an impossible density to zero."""
-    variance = table.covariance[DENSITY, DENSITY]
-    if table.state[DENSITY] < -settings.negative_sigmas * math.sqrt(variance):
+    sigma = math.sqrt(table.covariance[DENSITY, DENSITY])
+    if table.state[DENSITY] < -settings.negative_sigmas * sigma:
         design = np.zeros((1, len(table.state)))
         design[0, DENSITY] = 1.0
-        _correct_all(table, profile, design, np.zeros(1), np.full(1, variance))
-
-
-@compiled
-def _update_model(table, profile):  # type: ignore[no-untyped-def]
-    """Let the model layer have the size and the shape that are estimated."""
-    state, covariance = table.state, table.covariance
-    change = state[FIRST_SHAPE : FIRST_SHAPE + SHAPE_NUMBERS].copy()
-    state[FIRST_SHAPE : FIRST_SHAPE + SHAPE_NUMBERS] = 0.0
-    factor = 1.0 + state[1]
-    if factor > 0.0 and covariance[1, 1] < (_KNOWN_MAPPING * factor) ** 2:
-        state[1] = 0.0
-        covariance[1, :] /= factor
-        covariance[:, 1] /= factor
-    else:
-        factor = 1.0
-    reshape_and_resize(profile, change, factor)
+        _correct_all(table, profile, design, np.zeros(1), np.full(1, power(sigma, 2.0)))
 
 
 @compiled
@@ -285,12 +275,14 @@ def _describe_epoch(  # type: ignore[no-untyped-def]
     slow_sigma = slow.values[SIGMA]
     variances = fast_variance[kept]
     single = satellite_densities(
-        common[kept], residual[kept], variances + slow_sigma**2, table.state, table.covariance
+        common[kept],
+        residual[kept],
+        variances + power(slow_sigma, 2.0),
+        table.state,
+        table.covariance,
     )
-    gains, squares, fast = gain[DENSITY], 0.0, 0.0
-    for row in range(len(kept)):
-        squares += (slow_sigma * gains[row]) ** 2
-        fast += gains[row] ** 2 * variances[row]
+    slow_parts = slow_sigma * gain[DENSITY]
+    squares, fast = slow_parts @ slow_parts, gain[DENSITY] ** 2 @ variances
     variance = table.covariance[DENSITY, DENSITY]
     # What the past tells of slow errors is no error any more.
     left = min(max(variance - fast, 0.0) / max(squares, 1e-30), 1.0)
@@ -299,12 +291,12 @@ def _describe_epoch(  # type: ignore[no-untyped-def]
         is_outlier[place] = False
         rows[0, place] = ELECTRONS_PER_TECU * single[0, row]
         rows[1, place] = ELECTRONS_PER_TECU * single[1, row]
-        rows[2, place] = slow_sigma * gains[row] * math.sqrt(left) * ELECTRONS_PER_TECU
+        rows[2, place] = slow_parts[row] * math.sqrt(left) * ELECTRONS_PER_TECU
     common_variance = max(variance - fast - left * squares, 0.0)
-    total = variance + (horizontal_sigma / separation) ** 2
+    whole = variance + power(horizontal_sigma / separation, 2.0)
     numbers = np.empty(_NUMBERS_OF_EPOCH)
     numbers[EPOCH_DENSITY] = table.state[DENSITY] * ELECTRONS_PER_TECU
-    numbers[EPOCH_SIGMA] = math.sqrt(total) * ELECTRONS_PER_TECU
+    numbers[EPOCH_SIGMA] = math.sqrt(whole) * ELECTRONS_PER_TECU
     numbers[FAST_SIGMA] = math.sqrt(fast) * ELECTRONS_PER_TECU
     numbers[SLOW_TIME] = slow.values[CORRELATION_TIME]
     numbers[COMMON_SIGMA] = math.sqrt(common_variance) * ELECTRONS_PER_TECU
@@ -323,8 +315,9 @@ def update_second(  # type: ignore[no-untyped-def]
     time,
     altitude_chief,
     altitude_deputy,
-    elevation_chief,
-    elevation_deputy,
+    cosine_chief,
+    cosine_deputy,
+    sine,
     observed,
     sigma,
     satellite,
@@ -357,12 +350,16 @@ def update_second(  # type: ignore[no-untyped-def]
         Whether there is an epoch; if not, the other results mean nothing.
     numbers, rows, is_outlier : ndarray, shapes (7,), (3, n), (n,)
         As of `_describe_epoch`.
+    learned : ndarray, shape (3,)
+        Density, its sigma and how it changes with b, which `update_model` adds to the profile,
+        electrons per cubic metre, and these per TECU; NaN for none.
     """
     elapsed = pass_to(table, settings, profile, slow, time)
     _add_content(table, settings, profile, rays, altitude_chief, vtec_chief, vtec_sigma, elapsed)
     common, modelled = content_design(
-        elevation_chief[used],
-        elevation_deputy[used],
+        cosine_chief[used],
+        cosine_deputy[used],
+        sine[used],
         altitude_chief,
         altitude_deputy,
         profile,
@@ -387,7 +384,7 @@ def update_second(  # type: ignore[no-untyped-def]
         is_independent[used],
     )
     if memory[IS_CHECKED] > 0.0 and not has_check:
-        return False, np.empty(0), np.empty((0, 0)), np.zeros(0, dtype=np.bool_)
+        return False, np.empty(0), np.empty((0, 0)), np.zeros(0, dtype=np.bool_), np.empty(0)
     add_epoch(
         slow,
         time,
@@ -412,24 +409,53 @@ def update_second(  # type: ignore[no-untyped-def]
         gain,
         horizontal_sigma,
     )
-    per_constant = table.covariance[DENSITY, 0] / table.covariance[0, 0] * ELECTRONS_PER_TECU
-    _update_model(table, profile)
+    learned = np.full(3, math.nan)
     if count >= WITHOUT_PAST + settings.spare_satellites:
         memory[IS_CHECKED] = 1.0
     density, density_sigma = numbers[EPOCH_DENSITY], numbers[EPOCH_SIGMA]
     if not (has_check and density_sigma <= settings.largest_sigma):
         numbers[EPOCH_DENSITY] = numbers[EPOCH_SIGMA] = math.nan
-        return True, numbers, rows, is_outlier
-    absorb_density(profile, altitude_chief, altitude_deputy, density, density_sigma, per_constant)
+        return True, numbers, rows, is_outlier, learned
+    learned[0], learned[1] = density, density_sigma
+    learned[2] = table.covariance[DENSITY, 0] / table.covariance[0, 0] * ELECTRONS_PER_TECU
     if constant_sigma > 0.0:
         # With another constant all that was learned is another one too.
         shift = constant_sigma * ELECTRONS_PER_TECU
-        numbers[EPOCH_SIGMA] = math.hypot(density_sigma, shift * gain[DENSITY].sum())
+        numbers[EPOCH_SIGMA] = math.hypot(density_sigma, shift * total(gain[DENSITY]))
         rows_used = np.flatnonzero(used)
         for row in range(len(rows_used)):
             of_satellite = shift / abs(common[row, DENSITY])
             rows[1, rows_used[row]] = math.hypot(rows[1, rows_used[row]], of_satellite)
-    return True, numbers, rows, is_outlier
+    return True, numbers, rows, is_outlier, learned
+
+
+@compiled
+def update_model(table, profile, height_factors, altitude_chief, altitude_deputy, learned):  # type: ignore[no-untyped-def]
+    """Give the model layer the size and the shape that are estimated, and add what was learned.
+
+    Parameters
+    ----------
+    table, profile, altitude_chief, altitude_deputy
+        As in `update_second`.
+    height_factors : ndarray, shape (2,)
+        Exponentials of the estimated changes of the scale heights, `HEIGHTS` of the state.
+    learned : ndarray, shape (3,)
+        As of `update_second`.
+    """
+    state, covariance = table.state, table.covariance
+    change_of_peak = state[FIRST_SHAPE + 2]
+    state[FIRST_SHAPE : FIRST_SHAPE + SHAPE_NUMBERS] = 0.0
+    factor = 1.0 + state[1]
+    if factor > 0.0 and covariance[1, 1] < (_KNOWN_MAPPING * factor) ** 2:
+        state[1] = 0.0
+        covariance[1, :] /= factor
+        covariance[:, 1] /= factor
+    else:
+        factor = 1.0
+    reshape_and_resize(profile, height_factors, change_of_peak, factor)
+    density, sigma, per_constant = learned
+    if not math.isnan(density):
+        absorb_density(profile, altitude_chief, altitude_deputy, density, sigma, per_constant)
 
 
 @compiled
@@ -442,8 +468,9 @@ def past_second(  # type: ignore[no-untyped-def]
     elapsed,
     altitude_chief,
     altitude_deputy,
-    elevation_chief,
-    elevation_deputy,
+    cosine_chief,
+    cosine_deputy,
+    sine,
     observed,
     sigma,
     satellite,
@@ -457,8 +484,9 @@ def past_second(  # type: ignore[no-untyped-def]
     """
     forget_density(table.state, table.covariance, settings.density_variance)
     common, modelled = content_design(
-        elevation_chief[used],
-        elevation_deputy[used],
+        cosine_chief[used],
+        cosine_deputy[used],
+        sine[used],
         altitude_chief,
         altitude_deputy,
         profile,
@@ -470,7 +498,7 @@ def past_second(  # type: ignore[no-untyped-def]
     # The slow errors of then are not all those of now.
     lost = 1.0 - math.exp(-2.0 * elapsed / slow.values[CORRELATION_TIME])
     variance = sigma[used] ** 2 + (settings.mapping_noise * common[:, CHANGE]) ** 2
-    variance += np.where(places < 0, 1.0, lost) * slow.values[SIGMA] ** 2
+    variance += np.where(places < 0, 1.0, lost) * power(slow.values[SIGMA], 2.0)
     independent = np.ones(len(residual), dtype=np.bool_)
     design, kept, _, has_check = _examine_contents(
         table, settings, common, places, residual, variance, independent
@@ -503,8 +531,9 @@ def predicted_contents(  # type: ignore[no-untyped-def]
     rays,
     altitude_chief,
     altitude_deputy,
-    elevation_chief,
-    elevation_deputy,
+    cosine_chief,
+    cosine_deputy,
+    sine,
     satellite,
 ):
     """Return the contents that are predicted, TECU, (n,), and their covariance.
@@ -512,8 +541,9 @@ def predicted_contents(  # type: ignore[no-untyped-def]
     Arguments as in `update_second`, results as of `ElectronDensityEstimator.predicted_stec`.
     """
     common, modelled = content_design(
-        elevation_chief,
-        elevation_deputy,
+        cosine_chief,
+        cosine_deputy,
+        sine,
         altitude_chief,
         altitude_deputy,
         profile,
@@ -522,7 +552,7 @@ def predicted_contents(  # type: ignore[no-untyped-def]
     )
     places = _places(table, satellite)
     own = (settings.mapping_noise * common[:, CHANGE]) ** 2
-    own += np.where(places < 0, slow.values[SIGMA] ** 2, 0.0)
+    own += np.where(places < 0, power(slow.values[SIGMA], 2.0), 0.0)
     # The density of the profile, and its own size.
     low, high = min(altitude_chief, altitude_deputy), max(altitude_chief, altitude_deputy)
     density = mean_between(low, high, profile.altitude, profile.densities[0]) / ELECTRONS_PER_TECU
@@ -534,5 +564,5 @@ def predicted_contents(  # type: ignore[no-untyped-def]
         table.covariance,
         own,
         density,
-        (density + _LEAST_SPREAD / ELECTRONS_PER_TECU) ** 2,
+        power(density + _LEAST_SPREAD / ELECTRONS_PER_TECU, 2.0),
     )

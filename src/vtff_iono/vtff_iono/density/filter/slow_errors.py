@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from vtff_dynamics.compiled import compiled
+from vtff_dynamics.rounding import power
 from vtff_dynamics.vectors import FloatArray
 from vtff_iono.density.filter.kernels import slow_residuals
 
@@ -41,6 +42,7 @@ _FEWEST_DEGREES = 0.5
 # A residual counts at most as this many sigmas: one wrong integer is no multipath.
 _LARGEST_SIGMAS = 4.0
 _SMALLEST_SIGMA = 1e-4  # TECU
+_FIRST_VARIANCE = _FIRST_SIGMA**2
 
 
 # Places of `SlowTable.values`: what `SlowErrors` tells, then sums of weighted measurements.
@@ -91,7 +93,7 @@ class SlowErrors:
         self.table = _empty_table(_EPOCHS, _SATELLITES)
         values = self.table.values
         values[_FIRST_WEIGHT_LEFT] = _FIRST_WEIGHT
-        values[_OF_PRODUCT] = _FIRST_WEIGHT_OF_TIME * _FIRST_SIGMA**2
+        values[_OF_PRODUCT] = _FIRST_WEIGHT_OF_TIME * _FIRST_VARIANCE
         values[_PRODUCT] = values[_OF_PRODUCT] * math.exp(-_LAG / _FIRST_TIME)
         values[_LAST_TIME] = math.nan
         _renew(values)
@@ -152,7 +154,7 @@ def _empty_table(epochs: int, satellites: int) -> SlowTable:
 def _expected_sigma(values):  # type: ignore[no-untyped-def]
     """Return the sigma, TECU: root of the expected variance, known from few samples."""
     first_weight = values[_FIRST_WEIGHT_LEFT]
-    square = max(0.0, values[_SQUARE]) + first_weight * _FIRST_SIGMA**2
+    squares = max(0.0, values[_SQUARE]) + first_weight * _FIRST_VARIANCE
     weight = values[_WEIGHT] + first_weight
     # An exponential correlation makes of a time as many independent squares (Bartlett 1946).
     samples = weight / values[CORRELATION_TIME]
@@ -160,7 +162,7 @@ def _expected_sigma(values):  # type: ignore[no-untyped-def]
     # Mean of the inverse gamma distribution of a variance (Gelman and others, Bayesian Data
     # Analysis, section 2.6).
     samples = max(samples, _FEWEST_SAMPLES)
-    variance = square / weight * samples / (samples - 2.0)
+    variance = squares / weight * samples / (samples - 2.0)
     return max(math.sqrt(variance), _SMALLEST_SIGMA)
 
 
@@ -208,7 +210,7 @@ def add_epoch(  # type: ignore[no-untyped-def]
         elapsed = max(0.0, time - values[_LAST_TIME])
     values[_LAST_TIME] = time
     is_determined, weight, residual, freedom = slow_residuals(
-        observed, common, common_sigma, fast_variance, values[SIGMA] ** 2
+        observed, common, common_sigma, fast_variance, power(values[SIGMA], 2.0)
     )
     if not is_determined or freedom.sum() < _FEWEST_DEGREES:
         return
@@ -217,19 +219,19 @@ def add_epoch(  # type: ignore[no-untyped-def]
         values[place] *= kept
     values[_FIRST_WEIGHT_LEFT] *= math.exp(-elapsed / _FORGOTTEN)
     _renew(values)
-    sigma = values[SIGMA]
-    trust = np.zeros(len(residual))
+    variance = power(values[SIGMA], 2.0)
+    largest_fast = power(max(values[SIGMA], _FIRST_SIGMA), 2.0)
+    trust, fast = np.zeros(len(residual)), freedom * fast_variance
     for row in range(len(residual)):
         sigmas = min(max(residual[row], -_LARGEST_SIGMAS), _LARGEST_SIGMAS)
         residual[row] = sigmas / weight[row]
         # Satellites that fluctuate fast tell little about slow errors, and where they fluctuate by
         # more than these, only how well the sigma of the fluctuations is known.
-        if not fast_variance[row] > max(sigma, _FIRST_SIGMA) ** 2:
-            trust[row] = (sigma**2 * weight[row] ** 2) ** 2 + 1e-3
-        fast = freedom[row] * fast_variance[row]
-        values[_SQUARE] += trust[row] * (residual[row] ** 2 - fast)
-        values[_WEIGHT] += trust[row] * freedom[row]
-    _add_products(table, time, satellites, residual, freedom * fast_variance, trust)
+        if not fast_variance[row] > largest_fast:
+            trust[row] = (variance * weight[row] ** 2) ** 2 + 1e-3
+    values[_SQUARE] += trust @ (residual**2 - fast)
+    values[_WEIGHT] += trust @ freedom
+    _add_products(table, time, satellites, residual, fast, trust)
     _renew(values)
 
 
@@ -265,7 +267,7 @@ def _add_products(table, time, satellites, residual, fast, trust):  # type: igno
             now = residual[_last_row(satellites, satellites[row])]
             earlier = table.residual[before, then]
             values[_PRODUCT] += trust[row] * now * earlier
-            squares = 0.5 * (now**2 + earlier**2)
+            squares = 0.5 * (power(now, 2.0) + power(earlier, 2.0))
             values[_OF_PRODUCT] += trust[row] * max(squares - fast[row], 0.0)
     last = (span[0] + span[1]) % epochs
     span[1] += 1
