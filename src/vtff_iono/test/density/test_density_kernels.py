@@ -11,7 +11,7 @@ from vtff_gnss.constants import ELECTRONS_PER_TECU
 from vtff_iono.bias.running_profile import RunningProfile
 from vtff_iono.density import electron_density
 from vtff_iono.density.filter import kernels
-from vtff_iono.density.filter.content_design import content_design, empty_rays
+from vtff_iono.density.filter.content_design import content_design, elevation_functions, empty_rays
 from vtff_iono.density.filter.kernels import COMMON, DENSITY
 from vtff_iono.geometry.mapping import profile_content
 
@@ -191,7 +191,8 @@ def test_rays_of_a_second_are_found_again():
     chief = np.linspace(0.3, 1.5, 6)
     kept = empty_rays(25, len(profile.altitude))
     for altitude, rows in ((400e3, 4), (400e3, 6), (400.1e3, 6), (400.1e3, 3)):
-        arguments = (chief[:rows], chief[:rows] + 1e-3, altitude, altitude + 1e3, profile.table)
+        sights = elevation_functions(chief[:rows], chief[:rows] + 1e-3)
+        arguments = (*sights, altitude, altitude + 1e3, profile.table)
         again = content_design(*arguments, kept, state)
         for actual, expected in zip(
             again,
@@ -209,8 +210,9 @@ def test_modelled_contents_are_integrals_through_the_profile(altitude_deputy):
     chief = np.linspace(0.3, 1.5, 6)
     deputy = chief + 1e-3
     rays = empty_rays(13, len(profile.altitude))
+    sights = elevation_functions(chief, deputy)
     common, modelled = content_design(
-        chief, deputy, 400e3, altitude_deputy, profile.table, rays, np.zeros(COMMON)
+        *sights, 400e3, altitude_deputy, profile.table, rays, np.zeros(COMMON)
     )
     path = (altitude_deputy - 400e3) / np.sin(0.5 * (chief + deputy))
     above = [
