@@ -197,8 +197,11 @@ class CodeBiasTable:
         `owner` is the system, PRN and station that the biases belong to.
         """
         edges: dict[str, list[tuple[str, float, float]]] = {}
+        # Integers, because a day of a station asks for some twenty thousand validities.
+        latest_start = (time + tolerance).nanoseconds
+        earliest_end = (time - tolerance).nanoseconds
         for bias in self._by_owner.get(owner, ()):
-            if bias.start - tolerance <= time <= bias.end + tolerance:
+            if bias.start.nanoseconds <= latest_start and earliest_end <= bias.end.nanoseconds:
                 variance = bias.sigma**2
                 edges.setdefault(bias.first, []).append((bias.second, bias.value, variance))
                 edges.setdefault(bias.second, []).append((bias.first, -bias.value, variance))
