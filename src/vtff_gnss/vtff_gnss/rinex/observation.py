@@ -119,7 +119,7 @@ def parse_rinex_observation(
     if is_hatanaka(content):
         content, remarks = decompress_hatanaka(content, path)
         name = f"{path} (decompressed)"
-    if not content.strip():
+    if not content or content.isspace():
         raise RinexError(f"{path}: the file is empty")
     lines = content.splitlines()
     header, start = _read_header(lines, name)
