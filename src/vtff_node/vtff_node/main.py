@@ -114,6 +114,7 @@ def spin(nodes: Sequence[VtffNode], stop: StopRequest) -> int:
         node.on_finish = end
         node.begin()
     if delivery is not None:
+        delivery.gathers = all(node.lockstep for node in nodes)
         delivery.call_soon = executor.create_task
         delivery.deliver_soon()  # what nodes have published while they were made
     watch.start()

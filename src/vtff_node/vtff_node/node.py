@@ -96,6 +96,8 @@ class CountingPublisher(Publisher):
             self.publish_bytes(msg)
         else:
             self.published += 1
+            if self._delivery is not None:
+                self._delivery.publish_gathered()  # those of its topic before it
             super().publish(msg)
             if self._delivery is not None and self._delivery.has_use_for(self._receivers):
                 # Not for the recorder: more bytes than the message has, of unknown content.
@@ -104,8 +106,10 @@ class CountingPublisher(Publisher):
     def publish_bytes(self, content: bytes) -> None:
         """Publish a serialised message and count it."""
         self.published += 1
-        self._publish_raw(content)
-        if self._delivery is not None:
+        if self._delivery is None:
+            self._publish_raw(content)
+        else:
+            self._delivery.publish(self._publish_raw, content)
             self._delivery.send(self._receivers, content)
 
     def get_subscription_count(self) -> int:

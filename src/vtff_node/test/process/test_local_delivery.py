@@ -95,6 +95,40 @@ def test_a_callback_that_another_one_calls_delivers_with_that(process):
     assert heard == [b"1"]
 
 
+def test_the_middleware_gets_messages_of_lockstep_in_order_at_the_end_of_a_turn(process):
+    published, delivery = [], process.delivery
+
+    def publish(content: bytes) -> None:
+        delivery.publish(published.append, content)
+        process.publish("a", content)
+
+    def receive(content: bytes) -> None:
+        assert bool(published) is not delivery.gathers
+        if len(content) < 3:
+            publish(content + b"x")
+
+    process.hear("a", receive)
+    for gathers in (False, True):
+        delivery.gathers = gathers
+        delivery.delivering_after(publish)(b"0")
+        assert published == [b"0", b"0x", b"0xx"]
+        published.clear()
+    publish(b"0xx")  # outside of a callback nothing is at the end of a turn
+    assert published == [b"0xx"]
+
+
+def test_the_middleware_gets_what_a_callback_published_before_it_failed(process):
+    published, process.delivery.gathers = [], True
+
+    def callback() -> None:
+        process.delivery.publish(published.append, b"1")
+        raise ValueError("broken")
+
+    with pytest.raises(ValueError, match="broken"):
+        process.delivery.delivering_after(callback)()
+    assert published == [b"1"]
+
+
 def test_others_have_their_turn_while_messages_go_round(process, monkeypatch):
     monkeypatch.setattr(local_delivery, "LONGEST_TURN", 0.0)
     heard = []

@@ -6,7 +6,8 @@ processes. What other processes publish and hear goes the usual way. The middlew
 the messages of its own process as well (`vtff_bringup.system.composed` tells it so).
 
 Messages are delivered after the callback that published them, in their order, so that no callback
-runs within another. No ROS.
+runs within another. In lockstep the middleware gets them at the end of a turn, one after the other:
+each message alone would wake its readers in other processes. No ROS.
 """
 
 from __future__ import annotations
@@ -21,8 +22,10 @@ __all__ = ["LocalDelivery"]
 #: Takes the bytes of a message.
 Receiver = Callable[[bytes], object]
 
-#: Wall time after which other callbacks have their turn, s; timers and signals among them.
-LONGEST_TURN = 1e-3
+#: Wall time after which other callbacks have their turn, s; timers and signals among them. Only
+#: messages that bring about each other without end last as long, as in a software loop in lockstep,
+#: where a turn of the executor takes as long as a sixth of a step.
+LONGEST_TURN = 5e-3
 
 
 class LocalDelivery:
@@ -33,15 +36,20 @@ class LocalDelivery:
     call_soon : callable or None
         Has a function called by the thread that runs callbacks; may be called by any thread. As
         long as it is None messages wait.
+    gathers : bool
+        Whether what callbacks publish goes to the middleware at the end of a turn: for lockstep, in
+        which other processes either lag behind or are waited for, and then the turn ends.
     """
 
     def __init__(self) -> None:
         self._receivers: dict[Hashable, list[Receiver]] = {}
         self._waiting: deque[tuple[list[Receiver], bytes]] = deque()
+        self._outgoing: deque[tuple[Callable[[bytes], None], bytes]] = deque()
         self._is_delivering = False
         self._is_called = False
         self._is_closed = False
         self.call_soon: Callable[[Callable[[], None]], object] | None = None
+        self.gathers = False
         self._deliver_called = self.delivering_after(self._note_call)
 
     def receivers_of(self, topic: Hashable) -> list[Receiver]:
@@ -94,6 +102,31 @@ class LocalDelivery:
         if not self._is_delivering:
             self.deliver_soon()
 
+    def publish(self, publish_now: Callable[[bytes], None], content: bytes) -> None:
+        """Have a message published by the middleware, now or at the end of this turn.
+
+        Parameters
+        ----------
+        publish_now
+            Publishes it.
+        content
+            The message.
+        """
+        if not (self.gathers and self._is_delivering):
+            publish_now(content)
+            return
+        self._outgoing.append((publish_now, content))
+        # After it was added: a turn that ends just now looks once more.
+        if not self._is_delivering:
+            self.publish_gathered()
+
+    def publish_gathered(self) -> None:
+        """Have the middleware publish what waits for the end of this turn."""
+        outgoing = self._outgoing
+        while outgoing:
+            publish_now, content = outgoing.popleft()
+            publish_now(content)
+
     def close(self) -> None:
         """Deliver nothing more: a node has ended the process."""
         self._is_closed = True
@@ -118,6 +151,7 @@ class LocalDelivery:
                 self._deliver()
             finally:
                 self._is_delivering = False
+                self.publish_gathered()
                 self.deliver_soon()
 
         return call
