@@ -12,6 +12,8 @@ import sys
 import tempfile
 from collections.abc import Callable
 
+import numpy as np
+
 CONFIG = pathlib.Path(__file__).resolve().parents[1] / "config"
 
 
@@ -36,6 +38,13 @@ def compile_receivers() -> None:
         compile_kernels(load_gnss_configuration(CONFIG / "gnss" / f"{name}.yaml"))
     serialize_series(rehearse_decoding(), "")
     load_carry()
+
+
+def compile_truth() -> None:
+    """Compile what the true motion needs."""
+    from vtff_dynamics.orbit.gravity import gravity_jerks
+
+    gravity_jerks(np.array([[7e6, 0.0, 0.0, 0.0, 7.5e3, 0.0]]), np.zeros(1))
 
 
 def compile_safety() -> None:
@@ -78,7 +87,7 @@ def compile_recordings() -> None:
 
 
 SHARES: tuple[tuple[Callable[[], None], ...], ...] = (
-    (compile_estimator, compile_safety, compile_controllers),
+    (compile_estimator, compile_safety, compile_controllers, compile_truth),
     (compile_receivers, compile_ionosphere, compile_recordings),
 )
 

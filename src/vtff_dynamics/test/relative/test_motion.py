@@ -12,7 +12,7 @@ from scipy.linalg import expm
 from vtff_dynamics.constants import GM_EARTH
 from vtff_dynamics.frames.rtn import deputy_state_gcrf, relative_state_rtn, rotation_gcrf_to_rtn
 from vtff_dynamics.orbit.elements import ClassicalElements
-from vtff_dynamics.orbit.gravity import gravity_acceleration, gravity_jerk
+from vtff_dynamics.orbit.gravity import gravity_acceleration, gravity_jerk, gravity_jerks
 from vtff_dynamics.orbit.propagator import ForceModel, Propagator
 from vtff_dynamics.relative.motion import (
     frame_rates_rtn,
@@ -141,6 +141,11 @@ def test_gravity_and_its_jerk_against_the_harmonics_and_differences():
         np.testing.assert_allclose(
             gravity_jerk(chief, j2=j2), (forward - backward) / (2 * step), atol=1e-8
         )
+    states, coefficients = np.array([chief, -2.0 * chief]), np.array([0.0, 1.08e-3])
+    singly = [
+        gravity_jerk(*each) for each in ((states[0], GM_EARTH, 0.0), (states[1], GM_EARTH, 1.08e-3))
+    ]
+    np.testing.assert_array_equal(gravity_jerks(states, coefficients), singly)
 
 
 @pytest.mark.parametrize("gravity", ["two_body", "spherical_harmonics"])

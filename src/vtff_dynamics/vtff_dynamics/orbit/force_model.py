@@ -198,7 +198,12 @@ class ForceModel:
         state_gcrf : ndarray, shape (6,)
             Position and velocity, m and m/s.
         """
-        return gravity_jerk(state_gcrf, j2=0.0 if self.gravity == "two_body" else J2_EARTH)
+        return gravity_jerk(state_gcrf, j2=self.j2_of_jerk)
+
+    @property
+    def j2_of_jerk(self) -> float:
+        """Second zonal coefficient of `jerk`."""
+        return 0.0 if self.gravity == "two_body" else J2_EARTH
 
     def _perturbation(
         self, time: GpsTime, state_gcrf: FloatArray, rotation_to_itrf: FloatArray | None

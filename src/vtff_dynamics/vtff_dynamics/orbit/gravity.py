@@ -11,11 +11,12 @@ import math
 import numpy as np
 import numpy.typing as npt
 
+from vtff_dynamics.compiled import compiled
 from vtff_dynamics.constants import GM_EARTH, J2_EARTH
 from vtff_dynamics.orbit.free_flight import fly_states, scale_oblateness
 from vtff_dynamics.vectors import FloatArray
 
-__all__ = ["gravity_acceleration", "gravity_jerk", "predict_state"]
+__all__ = ["gravity_acceleration", "gravity_jerk", "gravity_jerks", "predict_state"]
 
 
 def gravity_acceleration(
@@ -61,30 +62,54 @@ def gravity_jerk(
     gravitational_parameter, j2 : float
         As in `gravity_acceleration`.
     """
-    x, y, z, vx, vy, vz = np.asarray(state_gcrf, dtype=float).tolist()
-    r2 = x * x + y * y + z * z
-    range_rate_ratio = (x * vx + y * vy + z * vz) / r2
-    factor = -gravitational_parameter / (r2 * math.sqrt(r2))
-    factor_rate = -3.0 * factor * range_rate_ratio
-    oblateness = scale_oblateness(j2) / r2
-    oblateness_rate = -2.0 * oblateness * range_rate_ratio
-    sine_squared = z * z / r2
-    sine_squared_rate = 2.0 * z * vz / r2 - 2.0 * sine_squared * range_rate_ratio
+    states = np.array(state_gcrf, dtype=float, ndmin=2)
+    jerk: FloatArray = _jerks(states, np.array([scale_oblateness(j2)]), gravitational_parameter)[0]
+    return jerk
 
-    common = -5.0 * oblateness * sine_squared_rate
-    equatorial = 1.0 + oblateness * (1.0 - 5.0 * sine_squared)
-    equatorial_rate = oblateness_rate * (1.0 - 5.0 * sine_squared) + common
-    polar = 1.0 + oblateness * (3.0 - 5.0 * sine_squared)
-    polar_rate = oblateness_rate * (3.0 - 5.0 * sine_squared) + common
-    along_position = factor_rate * equatorial + factor * equatorial_rate
-    along_pole = factor_rate * polar + factor * polar_rate
-    return np.array(
-        [
-            along_position * x + factor * equatorial * vx,
-            along_position * y + factor * equatorial * vy,
-            along_pole * z + factor * polar * vz,
-        ]
+
+def gravity_jerks(states_gcrf: FloatArray, j2: FloatArray) -> FloatArray:
+    """Return `gravity_jerk` of many states at once, m/s3, shape (n, 3).
+
+    Parameters
+    ----------
+    states_gcrf : ndarray, shape (n, 6)
+        Positions and velocities, m and m/s.
+    j2 : ndarray, shape (n,)
+        Second zonal coefficient of each; 0 leaves the point mass.
+    """
+    jerks: FloatArray = _jerks(
+        np.ascontiguousarray(states_gcrf), np.array([*map(scale_oblateness, j2.tolist())]), GM_EARTH
     )
+    return jerks
+
+
+@compiled
+def _jerks(states: FloatArray, oblatenesses: FloatArray, gm: float) -> FloatArray:
+    """Return what `gravity_jerks` does, with the constants of `fly_states`."""
+    jerks = np.empty((len(states), 3))
+    for k in range(len(states)):
+        x, y, z = states[k, 0], states[k, 1], states[k, 2]
+        vx, vy, vz = states[k, 3], states[k, 4], states[k, 5]
+        r2 = x * x + y * y + z * z
+        range_rate_ratio = (x * vx + y * vy + z * vz) / r2
+        factor = -gm / (r2 * math.sqrt(r2))
+        factor_rate = -3.0 * factor * range_rate_ratio
+        oblateness = oblatenesses[k] / r2
+        oblateness_rate = -2.0 * oblateness * range_rate_ratio
+        sine_squared = z * z / r2
+        sine_squared_rate = 2.0 * z * vz / r2 - 2.0 * sine_squared * range_rate_ratio
+
+        common = -5.0 * oblateness * sine_squared_rate
+        equatorial = 1.0 + oblateness * (1.0 - 5.0 * sine_squared)
+        equatorial_rate = oblateness_rate * (1.0 - 5.0 * sine_squared) + common
+        polar = 1.0 + oblateness * (3.0 - 5.0 * sine_squared)
+        polar_rate = oblateness_rate * (3.0 - 5.0 * sine_squared) + common
+        along_position = factor_rate * equatorial + factor * equatorial_rate
+        along_pole = factor_rate * polar + factor * polar_rate
+        jerks[k, 0] = along_position * x + factor * equatorial * vx
+        jerks[k, 1] = along_position * y + factor * equatorial * vy
+        jerks[k, 2] = along_pole * z + factor * polar * vz
+    return jerks
 
 
 def predict_state(state_gcrf: npt.ArrayLike, duration: float, j2: float = J2_EARTH) -> FloatArray:

@@ -50,6 +50,25 @@ def test_thrust_is_held_inertially_in_the_axes_at_the_start_of_the_step() -> Non
 
 
 @pytest.mark.parametrize("integrator", ["rk4", "euler"])
+def test_motions_of_many_steps_together_are_those_of_each_step(integrator) -> None:
+    truth, other = formation(integrator, deputies=2), formation(integrator, deputies=2)
+    later, at_once = [], []
+    for step in range(70):
+        thrust = {"deputy_1": [0.1, 0.0, 1e-3 * step]} if step % 2 else {}
+        later.append(truth.motions_of_now(thrust, {}))
+        at_once.append({name: other.motion_itrf(name, thrust.get(name)) for name in other.names})
+        truth.advance(thrust)
+        other.advance(thrust)
+        if step == 20:
+            later[-1]()
+    for compute, expected in zip(later, at_once, strict=True):
+        motions = compute()
+        assert list(motions) == list(truth.names)
+        for name, motion in motions.items():
+            assert motion.tobytes() == expected[name].tobytes()
+
+
+@pytest.mark.parametrize("integrator", ["rk4", "euler"])
 def test_motion_that_is_asked_for_ahead_is_that_of_the_step(integrator) -> None:
     plain, ahead = formation(integrator, deputies=2), formation(integrator, deputies=2)
     for step in range(20):

@@ -11,14 +11,13 @@ from __future__ import annotations
 import datetime
 import enum
 import functools
-import itertools
 import math
 import re
 from collections.abc import Sequence
 from typing import NamedTuple
 
 from vtff_dynamics.constants import NANOSECONDS_PER_SECOND, SECONDS_PER_DAY
-from vtff_sim_bridge.simremote.motion import GeodeticMotionState, MotionState, Vector
+from vtff_sim_bridge.simremote.motion import ZERO_VECTOR, GeodeticMotionState, MotionState, Vector
 
 DEFAULT_PORT = 15650
 """TCP port on which SimGEN listens; UDP motion goes to the same number."""
@@ -49,6 +48,7 @@ MOTB_FIELDS = (
 )  # fmt: skip
 """Names of the 24 numbers of MOTB in order; error texts use them."""
 
+_ZERO_TEXT = ",".join(map(repr, ZERO_VECTOR))
 _CLOCK_TIME = re.compile(r"(?:(\d{1,3})\s+)?(\d{1,2}):(\d{2}):(\d{2})(?:\.(\d{1,9}))?", re.ASCII)
 _DECIMAL_TIME = re.compile(r"\d+(?:\.\d*)?|\.\d+", re.ASCII)
 _CALENDAR = re.compile(r"(\d{1,2})-([A-Za-z]{3})-(\d{4})\s+(\d{1,2}):(\d{2}):(\d{2})", re.ASCII)
@@ -312,11 +312,18 @@ def format_motion(time_nanoseconds: int | None, vehicle_id: str, state: MotionSt
     ValueError
         If a number is not finite or a vector has not three; the message names the field.
     """
-    numbers = list(map(float, itertools.chain.from_iterable(state)))
-    if len(numbers) != len(MOT_FIELDS):
-        raise ValueError(f"MOT: {len(MOT_FIELDS)} numbers expected, got {len(numbers)}")
-    text = ",".join(map(repr, numbers))
+    text = ",".join(
+        [
+            # Without an attitude half of all numbers.
+            _ZERO_TEXT if vector is ZERO_VECTOR else ",".join(map(repr, map(float, vector)))
+            for vector in state
+        ]
+    )
+    count = text.count(",") + 1
+    if count != len(MOT_FIELDS):
+        raise ValueError(f"MOT: {len(MOT_FIELDS)} numbers expected, got {count}")
     if "n" in text:
+        numbers = map(float, text.split(","))
         name, number = next(
             pair for pair in zip(MOT_FIELDS, numbers, strict=True) if not math.isfinite(pair[1])
         )

@@ -21,7 +21,9 @@ from vtff_dynamics.constants import (
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 
-_ZERO: Vector = (0.0, 0.0, 0.0)
+ZERO_VECTOR: Vector = (0.0, 0.0, 0.0)
+"""What `MotionState` has where nothing is given."""
+
 _ECCENTRICITY_SQUARED = WGS84_FLATTENING * (2.0 - WGS84_FLATTENING)
 
 MAXIMUM_STORED_COMMANDS = 10_000
@@ -46,13 +48,13 @@ class MotionState(NamedTuple):
     """
 
     position_itrf: Vector
-    velocity_itrf: Vector = _ZERO
-    acceleration_itrf: Vector = _ZERO
-    jerk_itrf: Vector = _ZERO
-    heading_elevation_bank: Vector = _ZERO
-    angular_velocity_body: Vector = _ZERO
-    angular_acceleration_body: Vector = _ZERO
-    angular_jerk_body: Vector = _ZERO
+    velocity_itrf: Vector = ZERO_VECTOR
+    acceleration_itrf: Vector = ZERO_VECTOR
+    jerk_itrf: Vector = ZERO_VECTOR
+    heading_elevation_bank: Vector = ZERO_VECTOR
+    angular_velocity_body: Vector = ZERO_VECTOR
+    angular_acceleration_body: Vector = ZERO_VECTOR
+    angular_jerk_body: Vector = ZERO_VECTOR
 
     def extrapolate(self, seconds: float) -> MotionState:
         """Return the motion a time later, extrapolated with the given derivatives.
@@ -102,13 +104,13 @@ class GeodeticMotionState(NamedTuple):
     """
 
     latitude_longitude_height: Vector
-    velocity_ned: Vector = _ZERO
-    acceleration_ned: Vector = _ZERO
-    jerk_ned: Vector = _ZERO
-    heading_elevation_bank: Vector = _ZERO
-    angular_velocity_body: Vector = _ZERO
-    angular_acceleration_body: Vector = _ZERO
-    angular_jerk_body: Vector = _ZERO
+    velocity_ned: Vector = ZERO_VECTOR
+    acceleration_ned: Vector = ZERO_VECTOR
+    jerk_ned: Vector = ZERO_VECTOR
+    heading_elevation_bank: Vector = ZERO_VECTOR
+    angular_velocity_body: Vector = ZERO_VECTOR
+    angular_acceleration_body: Vector = ZERO_VECTOR
+    angular_jerk_body: Vector = ZERO_VECTOR
 
     def to_earth_fixed(self) -> MotionState:
         """Return the same motion in Earth-fixed axes (conversion of NIMA TR8350.2, section 4)."""
@@ -247,8 +249,8 @@ def _polynomial(
     seconds: float,
     value: Vector,
     first: Vector,
-    second: Vector = _ZERO,
-    third: Vector = _ZERO,
+    second: Vector = ZERO_VECTOR,
+    third: Vector = ZERO_VECTOR,
 ) -> Vector:
     """Return the Taylor polynomial of a vector with its derivatives (Horner's form)."""
     half, third_part = seconds / 2.0, seconds / 3.0
@@ -267,10 +269,10 @@ def _rotate(
     jerk: Vector,
 ) -> Vector:
     """Return the attitude angles after turning with the given body rates and derivatives."""
-    if rate == acceleration == jerk == _ZERO:
+    if rate == acceleration == jerk == ZERO_VECTOR:
         return heading_elevation_bank
     cubed = seconds * seconds * seconds / 12.0
-    angle = _polynomial(seconds, _ZERO, rate, acceleration, jerk)
+    angle = _polynomial(seconds, ZERO_VECTOR, rate, acceleration, jerk)
     # The second Magnus term: the rotation axis itself turns when the rate changes direction.
     rotation_vector = (
         angle[0] + cubed * (rate[1] * acceleration[2] - rate[2] * acceleration[1]),

@@ -13,12 +13,33 @@ import numpy as np
 import numpy.typing as npt
 
 from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
-from vtff_dynamics.frames.earth import EarthMotionSeries
+from vtff_dynamics.frames.earth import EarthMotion, EarthMotionSeries
 from vtff_dynamics.frames.rtn import relative_state_rtn, rotation_gcrf_to_rtn
+from vtff_dynamics.orbit.gravity import gravity_jerks
 from vtff_dynamics.orbit.propagator import ForceModel, Propagator
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_dynamics.vectors import FloatArray, is_finite
 from vtff_sim_bridge.truth.thruster_errors import ThrusterErrors
+
+
+class _Moment:
+    """What is needed to compute the motions at a time later, and the motions once they are there.
+
+    Parameters
+    ----------
+    time, states
+        Time, and position and velocity in GCRF of each spacecraft then.
+    thrusts
+        Accelerations by thrust in GCRF, m/s2.
+    """
+
+    __slots__ = ("motions", "states", "thrusts", "time")
+
+    def __init__(
+        self, time: GpsTime, states: Mapping[str, FloatArray], thrusts: Mapping[str, FloatArray]
+    ) -> None:
+        self.time, self.states, self.thrusts = time, states, thrusts
+        self.motions: dict[str, FloatArray] | None = None
 
 
 class FormationTruth:
@@ -92,6 +113,8 @@ class FormationTruth:
         # States at the next step, and motions at a time, of spacecraft for which they were asked.
         self._next_states: dict[str, FloatArray] = {}
         self._known_motions: tuple[GpsTime, dict[str, FloatArray]] = time, {}
+        # Moments whose motions somebody may ask for.
+        self._moments: list[_Moment] = []
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -216,7 +239,8 @@ class FormationTruth:
         thrusts = {}
         if acceleration is not None:
             thrusts[name] = self._acceleration_gcrf(name, acceleration, rotation_to_gcrf)
-        return self._motions(self.time, {name: self._states[name]}, thrusts)[name]
+        moment = _Moment(self.time, {name: self._states[name]}, thrusts)
+        return self._motions(moment)[name]
 
     def motions_of_now(
         self,
@@ -225,7 +249,8 @@ class FormationTruth:
     ) -> Callable[[], dict[str, FloatArray]]:
         """Return a function that computes `motion_itrf` of all spacecraft for the present time.
 
-        It may be called when time has gone on: many steps in a row take a fraction of the time.
+        It may be called when time has gone on: what was asked for before is computed with it, and
+        many steps together take a fraction of the time. Each function has to be called.
 
         Parameters
         ----------
@@ -236,7 +261,9 @@ class FormationTruth:
             name: self._acceleration_gcrf(name, acceleration, rotations_to_gcrf.get(name))
             for name, acceleration in accelerations.items()
         }
-        return functools.partial(self._motions, self.time, dict(self._states), thrusts)
+        moment = _Moment(self.time, dict(self._states), thrusts)
+        self._moments.append(moment)
+        return functools.partial(self._motions, moment)
 
     def motions_of_next_step(self, names: Iterable[str]) -> dict[str, FloatArray]:
         """Return `motion_itrf` at the next step of spacecraft that fly freely until then.
@@ -248,7 +275,7 @@ class FormationTruth:
             if name not in self._next_states:
                 self._next_states[name] = self._propagators[name].advance()
         time = self._next_time()
-        motions = self._motions(time, self._next_states, {})
+        motions = self._motions(_Moment(time, self._next_states, {}))
         self._known_motions = time, motions
         return motions
 
@@ -256,31 +283,59 @@ class FormationTruth:
         """Return the time of the next step."""
         return GpsTime(self._time.nanoseconds + self._step_nanoseconds)
 
-    def _motions(
-        self, time: GpsTime, states: Mapping[str, FloatArray], thrusts: Mapping[str, FloatArray]
-    ) -> dict[str, FloatArray]:
-        """Return the motions at a time; thrusts are accelerations in GCRF, m/s2."""
-        earth = self._earth.at(time)
-        is_straight = self._integrator == "euler"
+    def _motions(self, moment: _Moment) -> dict[str, FloatArray]:
+        """Return the motions at a moment; compute those of all that wait for it."""
+        if moment.motions is None:
+            moments, self._moments = self._moments, []
+            self._compute_motions(moments if moment in moments else [*moments, moment])
+        assert moment.motions is not None
+        return moment.motions
+
+    def _compute_motions(self, moments: Sequence[_Moment]) -> None:
+        """Compute the motions at some moments, in the order of time."""
         known_time, known = self._known_motions
-        motions = {}
-        for name, state in states.items():
-            if name in known and name not in thrusts and time == known_time:
-                motions[name] = known[name]
-                continue
-            derivatives = np.zeros(12)
-            derivatives[:6] = state
-            if not is_straight:
-                forces = self._propagators[name].force_model
-                total = forces.acceleration(time, state, earth.rotation)
-                if name in thrusts:
-                    total = total + thrusts[name]
-                derivatives[6:9], derivatives[9:] = total, forces.jerk(state)
-            motion: FloatArray = (earth.kinematics @ derivatives).reshape(4, 3)
-            if is_straight:
-                motion[2:] = 0.0
-            motions[name] = motion
+
+        def is_known(moment: _Moment, name: str) -> bool:
+            return name in known and name not in moment.thrusts and moment.time == known_time
+
+        places = [
+            (moment, name)
+            for moment in moments
+            for name in moment.states
+            if not is_known(moment, name)
+        ]
+        computed = iter(self._motions_at(places) if places else ())
+        for moment in moments:
+            moment.motions = {
+                name: known[name] if is_known(moment, name) else next(computed)
+                for name in moment.states
+            }
+
+    def _motions_at(self, places: Sequence[tuple[_Moment, str]]) -> FloatArray:
+        """Return the motions of spacecraft at one moment each, shape (n, 4, 3)."""
+        earths = [self._earth.at(moment.time) for moment, _ in places]
+        derivatives = np.zeros((len(places), 12))
+        derivatives[:, :6] = [moment.states[name] for moment, name in places]
+        is_straight = self._integrator == "euler"
+        if not is_straight:
+            derivatives[:, 6:9] = [
+                self._total_acceleration(moment, name, earth)
+                for (moment, name), earth in zip(places, earths, strict=True)
+            ]
+            j2 = np.array([self._propagators[name].force_model.j2_of_jerk for _, name in places])
+            derivatives[:, 9:] = gravity_jerks(derivatives[:, :6], j2)
+        kinematics = np.array([earth.kinematics for earth in earths])
+        motions: FloatArray = (kinematics @ derivatives[:, :, np.newaxis]).reshape(-1, 4, 3)
+        if is_straight:
+            motions[:, 2:] = 0.0
         return motions
+
+    def _total_acceleration(self, moment: _Moment, name: str, earth: EarthMotion) -> FloatArray:
+        """Return the acceleration of a spacecraft by forces and thrust, m/s2, shape (3,)."""
+        forces = self._propagators[name].force_model
+        total = forces.acceleration(moment.time, moment.states[name], earth.rotation)
+        thrust = moment.thrusts.get(name)
+        return total if thrust is None else total + thrust
 
     def _acceleration_gcrf(
         self, name: str, reported: npt.ArrayLike, rotation_to_gcrf: FloatArray | None = None
