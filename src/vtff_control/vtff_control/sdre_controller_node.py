@@ -307,7 +307,7 @@ class SdreControllerNode(VtffNode):
             self.fail(plugin_problem)
             return
         self.acknowledge_step(message.header.stamp, started)
-        if isinstance(self._controller, SdreController):
+        if isinstance(self._controller, SdreController) and self._controller.has_to_prepare:
             try:
                 self.plugin.call(self._controller.prepare_next)
             except PluginError as error:

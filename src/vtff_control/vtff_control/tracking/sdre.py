@@ -396,6 +396,11 @@ class SdreController:
             self._observer.predict(acting, osculating_mean_motion(state_chief))
         return ControlResult(acceleration, saturated, True, degraded=degraded)
 
+    @property
+    def has_to_prepare(self) -> bool:
+        """Whether `prepare_next` does anything."""
+        return self._observer is not None
+
     def prepare_next(self) -> None:
         """Do what the next state needs and the command of this one does not wait for.
 
