@@ -32,6 +32,11 @@ class ExpectedNodes:
         Returns whether a topic is recorded.
     warn
         Prints a line about a node that states nothing.
+
+    Attributes
+    ----------
+    names : list of str
+        The nodes, in alphabetical order.
     """
 
     def __init__(
@@ -41,12 +46,12 @@ class ExpectedNodes:
         wants: Callable[[str], bool],
         warn: Callable[[str], object],
     ) -> None:
-        self._names = sorted(set(names))
+        self.names = sorted(set(names))
         self._recorder = recorder
         self._wants = wants
         self._warn = warn
         self._ignored: set[str] = set()
-        self._discovered: dict[str, set[str]] = {name: set() for name in self._names}
+        self._discovered: dict[str, set[str]] = {name: set() for name in self.names}
         self._discovered_since: dict[str, float] = {}
         self._stated: dict[str, Mapping[str, Collection[str]]] = {}
         self._silent: set[str] = set()
@@ -85,7 +90,7 @@ class ExpectedNodes:
 
     def missing(self) -> list[str]:
         """Return one text for each node of which something is not heard yet."""
-        return [text for text in map(self._describe_missing, self._names) if text]
+        return [text for text in map(self._describe_missing, self.names) if text]
 
     def _describe_missing(self, node: str) -> str:
         if node in self._silent:

@@ -32,7 +32,9 @@ DIAGNOSTICS_TYPE = "diagnostic_msgs/msg/DiagnosticArray"
 SUBSCRIPTION_DEPTH = 5000  # messages of a topic that may wait for the recorder
 GATHER_LIMIT = 0.1  # s of wall time for which messages may gather before the recorder takes them
 
-STABLE_AFTER = 0.3  # s of wall time without a new topic, after which the set of topics is stable
+#: Wall time without a new topic after which the set of topics is stable, s. Where nodes are
+#: expected it is stable as soon as all their topics are heard.
+STABLE_AFTER = 0.3
 SEARCH_INTERVAL = 0.02  # s of wall time between looks at the graph until the topics are stable
 LATER_SEARCH_INTERVAL = 0.5  # s of wall time between later looks at the graph
 
@@ -202,7 +204,9 @@ class Recorder:
                 self._weaken(topic, endpoints)
             elif self._add(name, types, endpoints):
                 self._changed_at = now
-        settled = self._topics and now - self._changed_at >= STABLE_AFTER
+        # Expected nodes state all their topics, and nothing more is waited for.
+        patience = 0.0 if self._expected.names else STABLE_AFTER
+        settled = self._topics and now - self._changed_at >= patience
         if not self.stable and settled and self._expected.are_heard(now):
             self.stable = True
             if self._acknowledger is not None:
