@@ -112,6 +112,12 @@ class CountingPublisher(Publisher):
             self._delivery.publish(self._publish_raw, content)
             self._delivery.send(self._receivers, content)
 
+    def wait_for_all_acked(self, *arguments: Any, **options: Any) -> bool:
+        """Wait for acknowledgements as rclpy does, also of what waits for the end of a turn."""
+        if self._delivery is not None:
+            self._delivery.publish_gathered()
+        return bool(super().wait_for_all_acked(*arguments, **options))
+
     def get_subscription_count(self) -> int:
         """Return how many subscriptions this publisher has, those of its process among them."""
         return self.count_subscriptions_of_middleware() + len(self._receivers)

@@ -129,6 +129,24 @@ def test_the_middleware_gets_what_a_callback_published_before_it_failed(process)
     assert published == [b"1"]
 
 
+def test_who_waits_for_acknowledgements_has_everything_published_before(process, monkeypatch):
+    publisher_module = pytest.importorskip("rclpy.publisher")
+    node = pytest.importorskip("vtff_node.node")
+    published, process.delivery.gathers = [], True
+    publisher = node.CountingPublisher.__new__(node.CountingPublisher)
+    publisher._delivery = process.delivery
+    monkeypatch.setattr(
+        publisher_module.Publisher, "wait_for_all_acked", lambda *_: bool(published)
+    )
+
+    def callback() -> None:
+        process.delivery.publish(published.append, b"1")
+        assert not published and publisher.wait_for_all_acked() and published
+
+    process.delivery.delivering_after(callback)()
+    assert published == [b"1"]
+
+
 def test_others_have_their_turn_while_messages_go_round(process, monkeypatch):
     monkeypatch.setattr(local_delivery, "LONGEST_TURN", 0.0)
     heard = []
