@@ -20,7 +20,8 @@ def power(value, exponent):  # type: ignore[no-untyped-def]
     """Return what ``value ** exponent`` is of floats in Python: the power of the C library.
 
     Arrays of numpy, and powers with an exponent that the compiler knows, are products instead. One
-    square in a thousand has another last bit then.
+    square in a thousand has another last bit then. Where Python raises an error the result is
+    infinite, and where it is complex, NaN.
     """
     if not math.isfinite(value):
         return value**exponent

@@ -55,6 +55,13 @@ def test_an_alarm_that_comes_between_calls_is_set_again(handler_before):
         time.sleep(PATIENCE)
 
 
+def test_an_alarm_that_a_body_has_taken_away_is_set_again_by_the_next_call(handler_before):
+    with time_limit(LIMIT):
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+    with pytest.raises(TimeLimitReachedError), time_limit(LIMIT):
+        time.sleep(PATIENCE)
+
+
 def test_the_alarm_has_no_meaning_left_when_python_ends():
     code = (
         "import time\n"

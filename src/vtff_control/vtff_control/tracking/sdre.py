@@ -398,7 +398,7 @@ class SdreController:
 
     @property
     def has_to_prepare(self) -> bool:
-        """Whether `prepare_next` does anything."""
+        """Whether `prepare_next` does anything; a subclass with its own one overrides both."""
         return self._observer is not None
 
     def prepare_next(self) -> None:

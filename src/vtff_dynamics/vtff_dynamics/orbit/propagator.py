@@ -151,7 +151,7 @@ class Propagator:
     def jerk_gcrf(self) -> FloatArray:
         """Return the jerk by gravity at the current state, m/s3, shape (3,).
 
-        Only tests call this method; a simulation asks the force model.
+        Only tests call this method; a simulation computes `gravity_jerks` of many states at once.
         """
         return self._force_model.jerk(self._state_gcrf)
 

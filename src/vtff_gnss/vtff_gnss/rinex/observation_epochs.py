@@ -189,17 +189,17 @@ class _Walker3:
     def _begins_epoch(self, line: bytes) -> bool:
         return line[:1] == b">"
 
-    def _begin_epochs(self, first: int, end: int) -> bool:
+    def _contains_epoch(self, first: int, end: int) -> bool:
         """Return whether any of the lines `first` to `end` begins an epoch."""
         return b">" in [line[:1] for line in self._lines[first:end]]
 
     def _check_records(self, first: int, end: int) -> None:
         """Refuse an epoch whose records, lines `first` to `end`, are more or fewer than it says."""
         lines = self._lines
-        is_wrong = self._begin_epochs(first, end)
+        is_wrong = self._contains_epoch(first, end)
         if not is_wrong and end <= self._last and not self._begins_epoch(lines[end]):
             # Without another epoch it is an error of what follows, not of this epoch.
-            is_wrong = self._begin_epochs(end, self._last + 1)
+            is_wrong = any(self._begins_epoch(lines[k]) for k in range(end, self._last + 1))
         if is_wrong:
             raise self._error("epoch: its number of satellites is not that of its records")
 
@@ -315,7 +315,7 @@ class _Walker2(_Walker3):
         flag = line[self.FLAG : self.FLAG + 1]
         return bool(flag) and flag in _EVENTS and not line[: self.FLAG].strip()
 
-    def _begin_epochs(self, first: int, end: int) -> bool:
+    def _contains_epoch(self, first: int, end: int) -> bool:
         return any(map(self._begins_epoch, self._lines[first:end]))
 
     def _take_satellites(self, batch: Batch, count: int, index: int) -> None:

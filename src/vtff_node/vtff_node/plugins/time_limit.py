@@ -11,7 +11,7 @@ import time
 __all__ = ["TimeLimitReachedError", "time_limit"]
 
 
-#: Longest time between two looks at the handler of SIGALRM and the alarm, s: a look takes as long
+#: Longest time between two looks at the handler of SIGALRM, s: a look takes as long
 #: as a third of a controller.
 LOOK_INTERVAL = 1.0
 
@@ -25,16 +25,15 @@ class time_limit:  # noqa: N801 - used as `with time_limit(...)`, like contextli
 
     Only the main thread gets signals; elsewhere nothing is raised. The handler of SIGALRM and the
     alarm stay from one call to the next: to set both for each call would take a fifth of the time
-    of a controller. Where other code has taken them, they are set again after `LOOK_INTERVAL`.
+    of a controller. An alarm that other code has taken is set again by the next call, a handler
+    after `LOOK_INTERVAL`.
     """
 
     __slots__ = ("_limit",)
 
     #: When the body of the main thread has to be left, s of the monotonic clock; inf without one.
     deadline = math.inf
-    #: When the alarm is due, s of the monotonic clock.
-    alarm_time = -math.inf
-    #: When handler and alarm are looked at again, s of the monotonic clock.
+    #: When the handler is looked at again, s of the monotonic clock.
     next_look = -math.inf
 
     def __init__(self, limit: float) -> None:
@@ -44,26 +43,22 @@ class time_limit:  # noqa: N801 - used as `with time_limit(...)`, like contextli
         """Have an alarm come no later than the limit."""
         if threading.get_ident() == threading.main_thread().ident:
             now = time.monotonic()
-            time_limit.deadline = deadline = now + self._limit
-            if now >= time_limit.next_look or not now < time_limit.alarm_time <= deadline:
+            time_limit.deadline = now + self._limit
+            # The alarm of an earlier body serves too; a body may have taken it away.
+            left = signal.getitimer(signal.ITIMER_REAL)[0]
+            if now >= time_limit.next_look or not 0.0 < left <= self._limit:
                 time_limit.next_look = now + LOOK_INTERVAL
                 if signal.getsignal(signal.SIGALRM) is not _interrupt:
                     signal.signal(signal.SIGALRM, _interrupt)
                     # Python gives SIGALRM its own meaning back at its end: to end the process.
                     atexit.unregister(_take_alarm_back)
                     atexit.register(_take_alarm_back)
-                _set_alarm(now, self._limit)
+                signal.setitimer(signal.ITIMER_REAL, self._limit)
 
     def __exit__(self, *_: object) -> None:
         """Let the alarm mean nothing from now on."""
         if threading.get_ident() == threading.main_thread().ident:
             time_limit.deadline = math.inf
-
-
-def _set_alarm(now: float, wait: float) -> None:
-    """Have the alarm come after a time, s, from now, s of the monotonic clock."""
-    time_limit.alarm_time = now + wait
-    signal.setitimer(signal.ITIMER_REAL, wait)
 
 
 def _take_alarm_back() -> None:
@@ -73,7 +68,8 @@ def _take_alarm_back() -> None:
 def _interrupt(*_: object) -> None:
     """Raise an error in a body that lasts too long; the alarm may be that of an earlier body."""
     if time_limit.deadline < math.inf:
-        now = time.monotonic()
-        if now >= time_limit.deadline:
+        left = time_limit.deadline - time.monotonic()
+        if left <= 0.0:
+            time_limit.deadline = math.inf
             raise TimeLimitReachedError
-        _set_alarm(now, time_limit.deadline - now)
+        signal.setitimer(signal.ITIMER_REAL, left)

@@ -151,8 +151,10 @@ class LocalDelivery:
                 self._deliver()
             finally:
                 self._is_delivering = False
-                self.publish_gathered()
-                self.deliver_soon()
+                try:
+                    self.publish_gathered()
+                finally:
+                    self.deliver_soon()
 
         return call
 

@@ -250,7 +250,7 @@ class FormationTruth:
         """Return a function that computes `motion_itrf` of all spacecraft for the present time.
 
         It may be called when time has gone on: what was asked for before is computed with it, and
-        many steps together take a fraction of the time. Each function has to be called.
+        many steps together take a fraction of the time.
 
         Parameters
         ----------
