@@ -2,8 +2,7 @@
 
 Both fly without `formation_safety`, which commit 0ab621d does not have::
 
-    python benchmarks/bench_against.py --base ../base/.venv/bin/vtff [--only reference] \\
-        [--rounds 3] [--long 1200]
+    python benchmarks/bench_against.py --base ../base/.venv/bin/vtff [--rounds 3] [--long 1200]
 
 Of `reference` a short and a long run give the processor time of a scenario second, of all
 processes; the speed is that of the flight, without start and end. Where other work disturbs, only
