@@ -16,7 +16,12 @@ import numpy as np
 from vtff_dynamics.compiled import compiled
 from vtff_dynamics.constants import GM_EARTH
 from vtff_dynamics.frames.rtn_kernels import write_axes
-from vtff_dynamics.orbit.free_flight import acceleration_at, fly_states, scale_oblateness
+from vtff_dynamics.orbit.free_flight import (
+    acceleration_at,
+    fly_states,
+    jerk_at,
+    scale_oblateness,
+)
 from vtff_dynamics.vectors import FloatArray
 
 __all__ = ["compile_kernels", "target_acceleration", "velocity_at_rest"]
@@ -121,33 +126,6 @@ def _rate_about_r(state: FloatArray, gravity: tuple[float, float, float]) -> flo
 
 
 @compiled
-def _jerk_along_n(state: FloatArray, rotation: FloatArray, gm: float, oblateness: float) -> float:
-    """Return the N component of the rate of change of gravity along a motion, m/s3."""
-    x, y, z, vx, vy, vz = state[0], state[1], state[2], state[3], state[4], state[5]
-    r2 = x * x + y * y + z * z
-    range_rate_ratio = (x * vx + y * vy + z * vz) / r2
-    factor = -gm / (r2 * math.sqrt(r2))
-    factor_rate = -3.0 * factor * range_rate_ratio
-    flattening = oblateness / r2
-    flattening_rate = -2.0 * flattening * range_rate_ratio
-    sine_squared = z * z / r2
-    sine_squared_rate = 2.0 * z * vz / r2 - 2.0 * sine_squared * range_rate_ratio
-    common = -5.0 * flattening * sine_squared_rate
-    equatorial = 1.0 + flattening * (1.0 - 5.0 * sine_squared)
-    equatorial_rate = flattening_rate * (1.0 - 5.0 * sine_squared) + common
-    polar = 1.0 + flattening * (3.0 - 5.0 * sine_squared)
-    polar_rate = flattening_rate * (3.0 - 5.0 * sine_squared) + common
-    along_position = factor_rate * equatorial + factor * equatorial_rate
-    along_pole = factor_rate * polar + factor * polar_rate
-    jerk: float = (
-        rotation[2, 0] * (along_position * x + factor * equatorial * vx)
-        + rotation[2, 1] * (along_position * y + factor * equatorial * vy)
-        + rotation[2, 2] * (along_pole * z + factor * polar * vz)
-    )
-    return jerk
-
-
-@compiled
 def _drift_at_rest(
     state: FloatArray, position: FloatArray, gm: float, oblateness: float
 ) -> FloatArray:
@@ -220,7 +198,8 @@ def _look_ahead(
     rate_r, jerk = 0.0, 0.0
     if oblateness != 0.0:
         rate_r = _rate_about_r(middle, acceleration)
-        jerk = _jerk_along_n(middle, rotation, gm, oblateness)
+        jx, jy, jz = jerk_at(middle, gm, oblateness)
+        jerk = rotation[2, 0] * jx + rotation[2, 1] * jy + rotation[2, 2] * jz
     figures = np.array([radius, radial, radius * along, rate_r, rate, jerk])
     return rotation_start, rotation, gravity, gravity_difference, figures
 

@@ -22,6 +22,7 @@ __all__ = [
     "add_thrust",
     "fly_states",
     "free_flight",
+    "jerk_at",
     "scale_oblateness",
 ]
 
@@ -48,6 +49,36 @@ def acceleration_at(
     equatorial = factor * (1.0 + flattening * (1.0 - 5.0 * sine_squared))
     polar = factor * (1.0 + flattening * (3.0 - 5.0 * sine_squared))
     return equatorial * x, equatorial * y, polar * z
+
+
+@compiled
+def jerk_at(state: FloatArray, gm: float, oblateness: float) -> tuple[float, float, float]:
+    """Return the rate of change of `acceleration_at` along a motion, m/s3.
+
+    `state` is a position (m) and a velocity (m/s), shape (6,).
+    """
+    x, y, z, vx, vy, vz = state[0], state[1], state[2], state[3], state[4], state[5]
+    r2 = x * x + y * y + z * z
+    range_rate_ratio = (x * vx + y * vy + z * vz) / r2
+    factor = -gm / (r2 * math.sqrt(r2))
+    factor_rate = -3.0 * factor * range_rate_ratio
+    flattening = oblateness / r2
+    flattening_rate = -2.0 * flattening * range_rate_ratio
+    sine_squared = z * z / r2
+    sine_squared_rate = 2.0 * z * vz / r2 - 2.0 * sine_squared * range_rate_ratio
+
+    common = -5.0 * flattening * sine_squared_rate
+    equatorial = 1.0 + flattening * (1.0 - 5.0 * sine_squared)
+    equatorial_rate = flattening_rate * (1.0 - 5.0 * sine_squared) + common
+    polar = 1.0 + flattening * (3.0 - 5.0 * sine_squared)
+    polar_rate = flattening_rate * (3.0 - 5.0 * sine_squared) + common
+    along_position = factor_rate * equatorial + factor * equatorial_rate
+    along_pole = factor_rate * polar + factor * polar_rate
+    return (
+        along_position * x + factor * equatorial * vx,
+        along_position * y + factor * equatorial * vy,
+        along_pole * z + factor * polar * vz,
+    )
 
 
 @compiled

@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from vtff_dynamics.compiled import compiled
 from vtff_dynamics.constants import GM_EARTH, J2_EARTH
-from vtff_dynamics.orbit.free_flight import fly_states, scale_oblateness
+from vtff_dynamics.orbit.free_flight import fly_states, jerk_at, scale_oblateness
 from vtff_dynamics.vectors import FloatArray
 
 __all__ = ["gravity_acceleration", "gravity_jerk", "gravity_jerks", "predict_state"]
@@ -88,27 +88,7 @@ def _jerks(states: FloatArray, oblatenesses: FloatArray, gm: float) -> FloatArra
     """Return what `gravity_jerks` does, with the constants of `fly_states`."""
     jerks = np.empty((len(states), 3))
     for k in range(len(states)):
-        x, y, z = states[k, 0], states[k, 1], states[k, 2]
-        vx, vy, vz = states[k, 3], states[k, 4], states[k, 5]
-        r2 = x * x + y * y + z * z
-        range_rate_ratio = (x * vx + y * vy + z * vz) / r2
-        factor = -gm / (r2 * math.sqrt(r2))
-        factor_rate = -3.0 * factor * range_rate_ratio
-        oblateness = oblatenesses[k] / r2
-        oblateness_rate = -2.0 * oblateness * range_rate_ratio
-        sine_squared = z * z / r2
-        sine_squared_rate = 2.0 * z * vz / r2 - 2.0 * sine_squared * range_rate_ratio
-
-        common = -5.0 * oblateness * sine_squared_rate
-        equatorial = 1.0 + oblateness * (1.0 - 5.0 * sine_squared)
-        equatorial_rate = oblateness_rate * (1.0 - 5.0 * sine_squared) + common
-        polar = 1.0 + oblateness * (3.0 - 5.0 * sine_squared)
-        polar_rate = oblateness_rate * (3.0 - 5.0 * sine_squared) + common
-        along_position = factor_rate * equatorial + factor * equatorial_rate
-        along_pole = factor_rate * polar + factor * polar_rate
-        jerks[k, 0] = along_position * x + factor * equatorial * vx
-        jerks[k, 1] = along_position * y + factor * equatorial * vy
-        jerks[k, 2] = along_pole * z + factor * polar * vz
+        jerks[k, 0], jerks[k, 1], jerks[k, 2] = jerk_at(states[k], gm, oblatenesses[k])
     return jerks
 
 

@@ -22,7 +22,7 @@ Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 
 ZERO_VECTOR: Vector = (0.0, 0.0, 0.0)
-"""What `MotionState` has where nothing is given."""
+"""The vector of `MotionState` and `GeodeticMotionState` for a derivative that is not given."""
 
 _ECCENTRICITY_SQUARED = WGS84_FLATTENING * (2.0 - WGS84_FLATTENING)
 

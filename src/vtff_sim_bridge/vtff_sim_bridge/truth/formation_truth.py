@@ -23,7 +23,7 @@ from vtff_sim_bridge.truth.thruster_errors import ThrusterErrors
 
 
 class _Moment:
-    """What is needed to compute the motions at a time later, and the motions once they are there.
+    """States and thrusts of a time, whose motions are computed later, and these motions.
 
     Parameters
     ----------
