@@ -27,16 +27,13 @@ def compile_estimator() -> None:
 
 
 def compile_receivers() -> None:
-    """Compile the emulated receivers, and the way of what they send to messages."""
+    """Compile the emulated receivers."""
     from vtff_nav.receiver.live_port import load_carry
-    from vtff_nav.receiver.rehearsal import rehearse_decoding
-    from vtff_node.conversions.observation_bytes import serialize_series
     from vtff_sim_bridge.gnss.configuration import load_gnss_configuration
     from vtff_sim_bridge.simgen.gnss_emulation import compile_kernels
 
     for name in ("reference", "realistic"):
         compile_kernels(load_gnss_configuration(CONFIG / "gnss" / f"{name}.yaml"))
-    serialize_series(rehearse_decoding(), "")
     load_carry()
 
 

@@ -22,16 +22,11 @@ def to_stamp(nanoseconds: int) -> Time:
         can hold.
     """
     seconds, remainder = divmod(nanoseconds, NANOSECONDS_PER_SECOND)
-    if not fits_stamp(nanoseconds):
+    if not -(2**31) <= seconds < 2**31:
         raise ValueError(
             f"time {seconds} s since 1970 does not fit a ROS stamp, which ends on 2038-01-19"
         )
     return Time(sec=seconds, nanosec=remainder)
-
-
-def fits_stamp(nanoseconds: int) -> bool:
-    """Return whether a stamp can hold a time in ns since 1970."""
-    return -(2**31) <= nanoseconds // NANOSECONDS_PER_SECOND < 2**31
 
 
 class StampOrder:

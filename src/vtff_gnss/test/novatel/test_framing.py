@@ -19,14 +19,7 @@ from hypothesis import strategies as st
 from vtff_gnss.ephemeris import BroadcastEphemeris
 from vtff_gnss.fix import Fix
 from vtff_gnss.novatel import CommandResponse, RawLog, ReceiverLogStream, read_log
-from vtff_gnss.novatel.framing import (
-    Frame,
-    FrameScanner,
-    RangeFrames,
-    StreamCounters,
-    crc32_novatel,
-    ends_with_log,
-)
+from vtff_gnss.novatel.framing import crc32_novatel, ends_with_log
 from vtff_gnss.novatel.message_ids import ID_RANGE, ID_TIME, PAYLOAD_LAYOUTS, PayloadLayout
 from vtff_gnss.observations import ObservationEpoch
 
@@ -169,41 +162,6 @@ def test_damaged_real_log_gives_no_wrong_observation(data):
             assert (event.pseudorange == reference.pseudorange).all()
             assert (event.carrier_phase_cycles == reference.carrier_phase_cycles).all()
             assert (event.prn == reference.prn).all()
-
-
-class OneByOne(FrameScanner):
-    """Judges each frame by itself."""
-
-    def _take_intact(self, position, frames):
-        return position
-
-
-@examples(100)
-@given(st.data())
-def test_frames_found_together_are_those_found_one_by_one(data):
-    """Frames and counters, with damage and logs of all kinds."""
-    log = receiver_log(3)
-    content = bytearray(b"".join(FRAMES) + log[: data.draw(st.integers(0, len(log)))])
-    for _ in range(data.draw(st.integers(0, 5))):
-        content[data.draw(st.integers(0, len(content) - 1))] ^= data.draw(st.integers(1, 255))
-    cut = data.draw(st.integers(0, len(content)))
-    found = []
-    for scanner_type in (FrameScanner, OneByOne):
-        counters = StreamCounters()
-        scanner = scanner_type(counters)
-        items = scanner.feed(content[:cut]) + scanner.feed(content[cut:]) + scanner.close()
-        groups = [item.split() if isinstance(item, RangeFrames) else [item] for item in items]
-        found.append(([frame for group in groups for frame in group], counters))
-    assert found[0] == found[1]
-    assert all(isinstance(item, Frame) for item in items)
-
-
-def test_more_frames_than_are_found_in_one_call():
-    other = binary_frame(ID_TIME, bytes(44))
-    content = b"".join(FRAMES[index % 8] + other for index in range(150)) + FRAMES[1] * 5
-    items = FrameScanner(StreamCounters()).feed(content)
-    assert items[-1] == RangeFrames(FRAMES[1] * 5, 5)
-    assert b"".join(item.content for item in items) == content
 
 
 @pytest.mark.parametrize("high_byte", [0x01, 0x10, 0x1F, 0x70, 0x7F])

@@ -18,8 +18,6 @@ from gnss_test_support import (
     range_frame,
     range_records,
 )
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from novatel_edie import oem
 
 import vtff_gnss
@@ -32,12 +30,11 @@ from vtff_gnss.ephemeris import (
     lnav_accuracy,
     lnav_fit_interval,
 )
-from vtff_gnss.novatel import RangeSeries, ReceiverLogStream, read_log
+from vtff_gnss.novatel import ReceiverLogStream, read_log
 from vtff_gnss.novatel import message_ids as ids
 from vtff_gnss.novatel.definitions import MessageDecoder
-from vtff_gnss.novatel.framing import Frame, crc32_novatel
+from vtff_gnss.novatel.framing import crc32_novatel
 from vtff_gnss.novatel.message_ids import PAYLOAD_LAYOUTS
-from vtff_gnss.novatel.range.range_logs import RANGE_RECORD
 from vtff_gnss.novatel.solution_logs import (
     fix_from_bestxyz,
     fix_from_payload,
@@ -47,14 +44,6 @@ from vtff_gnss.novatel.solution_logs import (
 from vtff_gnss.observations import OBSERVATION_COLUMNS, ObservationEpoch
 from vtff_gnss.orbits.lnav import SubframeError, decode_subframes
 from vtff_gnss.signals import carrier_wavelength, satellite_name
-
-
-class LogByLog(ReceiverLogStream):
-    """Decodes RANGE logs as logs of any other kind, not as a series."""
-
-    def _decode_frames(self, item):
-        frames = [item] if isinstance(item, Frame) else item.split()
-        return [event for frame in frames for event in self._decode(frame)]
 
 
 def header(milliseconds: float = 3.456e8, week: int = 2200) -> oem.Header:
@@ -256,89 +245,20 @@ def test_epoch_columns():
         assert column.dtype == kind and column.shape == (4,), name
 
 
-@settings(max_examples=60)
-@given(st.data())
-def test_range_logs_decoded_together_are_what_they_are_one_by_one(data):
-    records = range_records(data.draw(st.integers(0, 6)), seed=1)
-    frames, milliseconds = [], 345_600_000
-    for _ in range(data.draw(st.integers(1, 12))):
-        change = data.draw(
-            st.sampled_from(
-                ["nothing", "restart", "flags", "prn", "signal", "unnamed", "twice", "fewer", "fix"]
-            )
-        )
-        records = records.copy()
-        records["lock_time"] += 0.05
-        records["pseudorange"] += 17.25
-        if len(records) > 1:
-            if change == "restart":
-                records["lock_time"][1] = 0.0
-            elif change == "flags":
-                records["tracking_status"][1] ^= 1 << 12 | 1 << 28 | 5
-            elif change in ("prn", "unnamed"):
-                records["prn"][1] = 9 if change == "prn" else 77
-            elif change == "signal":
-                records["tracking_status"][1] = L2C
-            elif change == "twice":
-                records[1] = records[0]
-                records["lock_time"][1] = 3.0
-            elif change == "fewer":
-                records = records[1:]
-        if change == "fix":
-            frames.append(xyz(milliseconds))
-        milliseconds += data.draw(st.sampled_from([50, 50, 50, 0, 1000, -200]))
-        frames.append(range_frame(records, milliseconds))
-    raw_logs = data.draw(st.sampled_from(["none", "all"]))
-    together, one_by_one = (kind(raw_logs=raw_logs) for kind in (ReceiverLogStream, LogByLog))
-    events = together.feed(b"".join(frames)) + together.close()
-    assert events == [e for frame in frames for e in one_by_one.feed(frame)] + one_by_one.close()
-    assert together.counters == one_by_one.counters
-    epochs = [event for event in events if isinstance(event, ObservationEpoch) and len(event)]
+def test_epochs_share_no_column():
+    """Also where the signals are the same, or one is there twice: no epoch changes another."""
+    records = range_records(4)
+    records[1] = records[0]
+    epochs = events_of(b"".join(range_frame(records, 345_600_000 + 50 * k) for k in range(3)))
     addresses = [column.ctypes.data for epoch in epochs for column in epoch.columns().values()]
-    assert len(set(addresses)) == len(addresses)  # no epoch changes another
+    assert len(set(addresses)) == 3 * len(OBSERVATION_COLUMNS)
 
 
-@settings(max_examples=60)
-@given(st.integers(0, 2**32), st.sampled_from([0.0, 0.2, 1.0]))
-def test_whatever_bits_range_logs_have_they_are_decoded_together_as_one_by_one(seed, share):
-    """Lock times may be no numbers, negative or infinite: `share` of them has any bits."""
-    generator = np.random.default_rng(seed)
-    count = int(generator.integers(1, 8))
-    signals = range_records(count)
-    frames = []
-    for index in range(5):
-        records = np.frombuffer(generator.bytes(signals.nbytes), RANGE_RECORD).copy()
-        has_any = generator.random(count) < share
-        lock_time = (1e-3 * 7.0 ** generator.integers(0, 12, count) + 0.05 * index).astype("<f4")
-        records["lock_time"] = np.where(has_any, records["lock_time"], lock_time)
-        records["prn"], records["glonass_frequency"] = signals["prn"], signals["glonass_frequency"]
-        records["tracking_status"] &= ~np.uint32(7 << 16 | 31 << 21)
-        records["tracking_status"] |= signals["tracking_status"] & np.uint32(7 << 16 | 31 << 21)
-        frames.append(
-            range_frame(records, 345_600_000 + int(generator.integers(0, 3)) * 50 * index)
-        )
-    together, one_by_one = ReceiverLogStream(), LogByLog()
-    events = together.feed(b"".join(frames))
-    assert events == [event for frame in frames for event in one_by_one.feed(frame)]
-    assert together.counters == one_by_one.counters
-
-
-def test_a_log_alone_is_a_series_unless_a_signal_is_there_twice():
-    records = range_records(3)
-    for twice in (False, True):
-        if twice:
-            records[1] = records[0]
-        (event,) = ReceiverLogStream().feed_series(range_frame(records, 345_600_000))
-        assert isinstance(event, ObservationEpoch if twice else RangeSeries)
-        assert twice or len(event) == 1
-
-
-@pytest.mark.parametrize("week", [15_249, 15_250, 65_535])
-def test_weeks_that_no_receiver_sees_are_decoded_together_as_one_by_one(week):
+@pytest.mark.parametrize("week", [1, 15_250, 65_535])
+def test_time_is_that_of_the_header_in_any_week(week):
     payload = struct.pack("<I", 2) + range_records(2).tobytes()
-    frames = [binary_frame(43, payload, 604_799_900 + 50 * k, week) for k in range(2)]
-    stream = LogByLog()
-    assert events_of(b"".join(frames)) == [e for frame in frames for e in stream.feed(frame)]
+    (epoch,) = events_of(binary_frame(43, payload, 604_799_900, week))
+    assert (epoch.time.week, epoch.time.time_of_week) == (week, 604_799.9)
 
 
 def test_signals_without_a_rinex_name_are_left_out_and_counted():

@@ -14,19 +14,16 @@ from vtff_gnss.novatel.events import (
     ReceiverVersion,
 )
 from vtff_gnss.novatel.framing import StreamCounters
-from vtff_gnss.novatel.range_series import RangeSeries
-from vtff_gnss.novatel.stream import ReceiverLogStream, read_log, split_series
+from vtff_gnss.novatel.stream import ReceiverLogStream, read_log
 
 __all__ = [
     "CommandResponse",
     "Event",
     "IsmScintillation",
     "IsmSlantTec",
-    "RangeSeries",
     "RawLog",
     "ReceiverLogStream",
     "ReceiverVersion",
     "StreamCounters",
     "read_log",
-    "split_series",
 ]

@@ -19,15 +19,6 @@ import zlib
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from vtff_gnss.novatel.frame_search import (
-    CRC_LENGTH,
-    MAX_APPENDED,
-    MAX_HEADER_LENGTH,
-    MAX_OTHER_PAYLOAD,
-    MIN_HEADER_LENGTH,
-    RESPONSE_BIT,
-    find_intact_frames,
-)
 from vtff_gnss.novatel.message_ids import PAYLOAD_LAYOUTS
 
 __all__ = [
@@ -37,12 +28,19 @@ __all__ = [
     "Frame",
     "FrameFormat",
     "FrameScanner",
-    "RangeFrames",
     "StreamCounters",
     "crc32_novatel",
     "ends_with_log",
 ]
 
+MAX_OTHER_PAYLOAD = 8192
+"""Longest accepted payload, in bytes, of a log whose layout is not in `PAYLOAD_LAYOUTS`."""
+MAX_APPENDED = 64
+"""Bytes by which newer firmware may have lengthened a log of fixed length."""
+MIN_HEADER_LENGTH = 28
+MAX_HEADER_LENGTH = 64
+CRC_LENGTH = 4
+RESPONSE_BIT = 0x80
 MAX_ASCII_LENGTH = 32768
 """Longest accepted ASCII log, in bytes; 325 observations in RANGEA are 26 kB."""
 MAX_RESPONSE_LENGTH = 512
@@ -86,19 +84,6 @@ class Frame(NamedTuple):
 
     format: FrameFormat
     content: bytes
-
-
-class RangeFrames(NamedTuple):
-    """Frames of RANGE logs of one length that follow each other; their CRCs were right."""
-
-    content: bytes
-    number: int
-
-    def split(self) -> list[Frame]:
-        """Return the frames one by one."""
-        length = len(self.content) // self.number
-        starts = range(0, len(self.content), length)
-        return [Frame(FrameFormat.BINARY, self.content[k : k + length]) for k in starts]
 
 
 @dataclass
@@ -171,22 +156,21 @@ class FrameScanner:
         self._counters = counters
         self._buffer = b""
 
-    def feed(self, chunk: bytes | bytearray | memoryview) -> list[Frame | RangeFrames]:
+    def feed(self, chunk: bytes | bytearray | memoryview) -> list[Frame]:
         """Take the next bytes of the stream and return the frames that they complete."""
         self._counters.bytes_received += len(chunk)
         self._buffer = b"".join((self._buffer, chunk)) if self._buffer else bytes(chunk)
         return self._scan(is_end=False)
 
-    def close(self) -> list[Frame | RangeFrames]:
+    def close(self) -> list[Frame]:
         """End the stream and return the frames hidden behind one that was cut off."""
         return self._scan(is_end=True)
 
-    def _scan(self, is_end: bool) -> list[Frame | RangeFrames]:
+    def _scan(self, is_end: bool) -> list[Frame]:
         buffer = self._buffer
-        frames: list[Frame | RangeFrames] = []
+        frames: list[Frame] = []
         position = 0
         while True:
-            position = self._take_intact(position, frames)
             match = _FRAME_START.search(buffer, position)
             if match is None:
                 tail = 0 if is_end else _LONGEST_START - 1
@@ -214,22 +198,6 @@ class FrameScanner:
                 self._counters.bytes_skipped += 1
         self._buffer = buffer[position:]
         return frames
-
-    def _take_intact(self, position: int, frames: list[Frame | RangeFrames]) -> int:
-        """Append the intact frames that follow each other from a position on; return their end."""
-        buffer = self._buffer
-        while buffer.startswith(_LONG_START, position):
-            groups = find_intact_frames(buffer, position)
-            if not groups:
-                break
-            for start, end, count in groups:
-                content = buffer[start:end]
-                frames.append(
-                    RangeFrames(content, count) if count else Frame(FrameFormat.BINARY, content)
-                )
-                self._counters.frames_good += count or 1
-            position = groups[-1][1]
-        return position
 
     def _judge(self, start: int, is_end: bool) -> tuple[_Verdict, FrameFormat, int]:
         """Judge the frame that may start at `start`: verdict, format and end."""

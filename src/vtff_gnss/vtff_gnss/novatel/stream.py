@@ -7,7 +7,8 @@ A further log: see `vtff_gnss.novatel`; here it needs its number in `_DECODED_ID
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections import defaultdict
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import Literal
 
@@ -17,13 +18,7 @@ from vtff_gnss.fix import Fix, ReceiverTime
 from vtff_gnss.novatel import message_ids as ids
 from vtff_gnss.novatel.definitions import MessageDecoder, log_name
 from vtff_gnss.novatel.events import CommandResponse, Event, RawLog
-from vtff_gnss.novatel.framing import (
-    Frame,
-    FrameFormat,
-    FrameScanner,
-    RangeFrames,
-    StreamCounters,
-)
+from vtff_gnss.novatel.framing import Frame, FrameFormat, FrameScanner, StreamCounters
 from vtff_gnss.novatel.header import BinaryLog, parse_binary_log
 from vtff_gnss.novatel.ism_logs import decode_ismredobs, decode_ismredtec
 from vtff_gnss.novatel.range.lock_time import LockTimeTracker
@@ -35,7 +30,6 @@ from vtff_gnss.novatel.range.range_logs import (
 from vtff_gnss.novatel.range.rangecmp2 import decode_rangecmp2
 from vtff_gnss.novatel.range.rangecmp45 import RangeCmp4Decoder, decode_rangecmp5
 from vtff_gnss.novatel.range.signal_records import SignalRecords, epoch_from_records
-from vtff_gnss.novatel.range_series import RangeSeries, decode_range_series
 from vtff_gnss.novatel.solution_logs import (
     fix_from_bestxyz,
     fix_from_payload,
@@ -48,7 +42,7 @@ from vtff_gnss.novatel.solution_logs import (
 )
 from vtff_gnss.novatel.version_log import decode_version
 
-__all__ = ["RawLogs", "ReceiverLogStream", "read_log", "split_series"]
+__all__ = ["RawLogs", "ReceiverLogStream", "read_log"]
 
 RawLogs = Literal["none", "undecoded", "all"]
 """Which logs also, or only, appear as `RawLog`."""
@@ -103,45 +97,20 @@ class ReceiverLogStream:
         self._messages = MessageDecoder()
         self._glonass_channels = GlonassChannels()
         self._rangecmp4 = RangeCmp4Decoder()
-        self._lock_times: dict[int, LockTimeTracker] = {}
+        self._lock_times: defaultdict[int, LockTimeTracker] = defaultdict(LockTimeTracker)
         self._last_ephemerides: dict[tuple[str, int, int, int], object] = {}
         self._solutions = _SolutionJoiner()
 
     def feed(self, chunk: bytes | bytearray | memoryview) -> list[Event]:
         """Take the next bytes and return the events that they complete, in stream order."""
-        return split_series(self.feed_series(chunk))
-
-    def feed_series(self, chunk: bytes | bytearray | memoryview) -> list[Event | RangeSeries]:
-        """Do as `feed`, but return epochs of the same signals that follow each other as one."""
-        events: list[Event | RangeSeries] = []
-        for item in self._scanner.feed(chunk):
-            events += self._decode_frames(item)
-        return events
+        return self._decode_all(self._scanner.feed(chunk))
 
     def close(self) -> list[Event]:
         """End the stream and return what it still held back."""
-        events: list[Event | RangeSeries] = []
-        for item in self._scanner.close():
-            events += self._decode_frames(item)
-        return split_series(events) + self._solutions.release()
+        return self._decode_all(self._scanner.close()) + self._solutions.release()
 
-    def _decode_frames(self, item: Frame | RangeFrames) -> Sequence[Event | RangeSeries]:
-        if isinstance(item, Frame):
-            return self._decode(item)
-        lock_times = self._lock_times_of(ids.ID_RANGE)
-        series = decode_range_series(item.content, item.number, lock_times)
-        if series is None:
-            return [event for frame in item.split() for event in self._decode(frame)]
-        self.counters.signals_unnamed += series.names.unnamed_count * len(series)
-        if self._raw_logs != "all" and not self._solutions.holds_fix:
-            return [series]
-        events: list[Event] = []
-        for frame, epoch in zip(item.split(), series.epochs(), strict=True):
-            events += self._solutions.advance(epoch.time)
-            events.append(epoch)
-            if self._raw_logs == "all":
-                events.append(_raw_log(frame, ids.ID_RANGE, epoch.time))
-        return events
+    def _decode_all(self, frames: list[Frame]) -> list[Event]:
+        return [event for frame in frames for event in self._decode(frame)]
 
     def _decode(self, frame: Frame) -> list[Event]:
         if frame.format is FrameFormat.RESPONSE:
@@ -168,13 +137,6 @@ class ReceiverLogStream:
         if self._raw_logs == "all":
             events.append(_raw_log(frame, log.message_id, log.time))
         return events
-
-    def _lock_times_of(self, message_id: int) -> LockTimeTracker:
-        # Logs of one epoch in two formats are two series of lock times.
-        lock_times = self._lock_times.get(message_id)
-        if lock_times is None:
-            lock_times = self._lock_times[message_id] = LockTimeTracker()
-        return lock_times
 
     def _count_undecoded(
         self, frame: Frame, log_id: int | None, time: GpsTime | None = None
@@ -219,7 +181,8 @@ class ReceiverLogStream:
             log.time_status,
             log.receiver_status,
             ids.OBSERVATION_LOG_NAMES[log.message_id],
-            self._lock_times_of(log.message_id),
+            # Logs of one epoch in two formats are two series of lock times.
+            self._lock_times[log.message_id],
         )
         self.counters.signals_unnamed += unnamed_count
         return [epoch]
@@ -270,11 +233,6 @@ class _SolutionJoiner:
         self._last_fix_time: GpsTime | None = None
         self._held_fix: Fix | None = None
         self._time_follows_fix = False
-
-    @property
-    def holds_fix(self) -> bool:
-        """Whether a fix is held back."""
-        return self._held_fix is not None
 
     def add(self, solution: Fix | ReceiverTime) -> list[Event]:
         if isinstance(solution, Fix):
@@ -361,17 +319,6 @@ def read_log(
             if progress is not None:
                 progress(bytes_read, total)
     yield from stream.close()
-
-
-def split_series(events: Iterable[Event | RangeSeries]) -> list[Event]:
-    """Return events with the epochs of each series one by one."""
-    split: list[Event] = []
-    for event in events:
-        if isinstance(event, RangeSeries):
-            split += event.epochs()
-        else:
-            split.append(event)
-    return split
 
 
 def _with_clock(fix: Fix, time: ReceiverTime) -> Fix:

@@ -21,7 +21,7 @@ from receiver_port_support import (
 )
 from shared_data import require_shared
 
-from vtff_gnss.novatel import CommandResponse, ReceiverLogStream, read_log, split_series
+from vtff_gnss.novatel import CommandResponse, ReceiverLogStream, read_log
 from vtff_gnss.observations import ObservationEpoch
 from vtff_nav.receiver.live_port import PortError, live_address, open_port
 from vtff_nav.receiver.port_watch import PortWatch
@@ -45,7 +45,7 @@ class Driver:
         )
 
     def advance(self) -> None:
-        self.events += split_series(self.session.advance(time.monotonic()))
+        self.events += self.session.advance(time.monotonic())
 
     @property
     def epoch_times(self):

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from receiver_port_support import COMMANDS, FakePort, Outputs, epoch_time, epochs_of, same_epoch
 
-from vtff_gnss.novatel import ReceiverLogStream, split_series
+from vtff_gnss.novatel import ReceiverLogStream
 from vtff_gnss.observations import ObservationEpoch
 from vtff_nav.receiver.live_port import PortError
 from vtff_nav.receiver.receiver_session import (
@@ -74,7 +74,7 @@ class Bench:
 
     def tick(self, epochs: int = 0) -> None:
         self.now += TICK
-        self.events += split_series(self.session.advance(self.now))
+        self.events += self.session.advance(self.now)
         if not self.ports or self.port.is_closed:
             return
         sent, self.port.sent = bytes(self.port.sent), bytearray()

@@ -7,11 +7,9 @@ import math
 import pytest
 from receiver_port_support import START, Outputs, epoch_time
 
-from vtff_gnss.novatel import RangeSeries, ReceiverLogStream
 from vtff_nav.receiver.log_replay import whole_second
 from vtff_nav.receiver.second_watch import SHORTER_WAIT, SecondWatch
 from vtff_nav.receiver.stream_statistics import StreamStatistics
-from vtff_sim_bridge.receiver.receiver_firmware import ReceiverFirmware
 
 OUTPUTS = Outputs(signals=4)
 FIRST = whole_second(START)
@@ -100,31 +98,6 @@ def test_a_scenario_that_begins_again_is_waited_for():
 
 def epochs(first: int, last: int):
     return [OUTPUTS.observations(epoch_time(n)).series.epoch(0) for n in range(first, last)]
-
-
-def range_series(first: int, last: int):
-    """Return the same epochs as a series."""
-    receiver = ReceiverFirmware()
-    receiver.receive(b"LOG RANGEB ONTIME 0.05\r\n")
-    stream = ReceiverLogStream()
-    content = b"".join(receiver.advance(epoch_time(n), OUTPUTS) for n in range(first, last))
-    return [event for event in stream.feed_series(content) if isinstance(event, RangeSeries)]
-
-
-def test_a_series_counts_as_its_epochs():
-    together, one_by_one = StreamStatistics(), StreamStatistics()
-    for first in (0, 40):
-        (series,) = range_series(first, first + 40)
-        assert len(series) == 40
-        together.add(1234, [series, OUTPUTS.receiver_time(epoch_time(first + 39))])
-        one_by_one.add(1234, [*series.epochs(), OUTPUTS.receiver_time(epoch_time(first + 39))])
-    assert together.rates() == one_by_one.rates()
-    assert together.tracking_values() == one_by_one.tracking_values()
-    assert together.newest_nanoseconds == one_by_one.newest_nanoseconds > 0
-    watches = SecondWatch("RANGE", 0.5), SecondWatch("RANGE", 0.5)
-    watches[0].read(1234, [series], 1.0)
-    watches[1].read(1234, series.epochs(), 1.0)
-    assert watches[0].newest_end == watches[1].newest_end > 0
 
 
 @pytest.mark.parametrize("batch", [1, 7, 40])

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 from rclpy.duration import Duration
 from rclpy.publisher import Publisher
 
 from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
 from vtff_gnss.ephemeris import BroadcastEphemeris, GlonassEphemeris
 from vtff_gnss.fix import Fix
-from vtff_gnss.novatel import Event, IsmScintillation, IsmSlantTec, RangeSeries, RawLog
+from vtff_gnss.novatel import Event, IsmScintillation, IsmSlantTec, RawLog
 from vtff_gnss.observations import ObservationEpoch
 from vtff_msgs.msg import GlonassEphemeris as GlonassEphemerisMessage
 from vtff_msgs.msg import (
@@ -21,7 +19,6 @@ from vtff_msgs.msg import (
     Scintillation,
     SlantTec,
 )
-from vtff_nav.receiver.rehearsal import rehearse_decoding
 from vtff_node.conversions.gnss import (
     ephemeris_to_message,
     fix_to_message,
@@ -30,7 +27,7 @@ from vtff_node.conversions.gnss import (
     ism_slant_tec_to_message,
     raw_log_to_message,
 )
-from vtff_node.conversions.observation_bytes import serialize_observations, serialize_series
+from vtff_node.conversions.observation_bytes import serialize_observations
 from vtff_node.node import CountingPublisher, VtffNode
 
 __all__ = ["EventPublisher"]
@@ -88,9 +85,8 @@ class EventPublisher:
         self._ism_slant_tec: Publisher | None = None
         self._ism_scintillation: Publisher | None = None
         self._unconfirmed: set[CountingPublisher] = set()
-        serialize_series(rehearse_decoding(), frame_id)
 
-    def publish(self, event: Event | RangeSeries) -> None:
+    def publish(self, event: Event) -> None:
         """Publish an event; an event without a topic is ignored.
 
         Raises
@@ -98,9 +94,7 @@ class EventPublisher:
         ValueError
             If the time of the event does not fit a stamp.
         """
-        if isinstance(event, RangeSeries):
-            self._publish_series(event)
-        elif isinstance(event, ObservationEpoch):
+        if isinstance(event, ObservationEpoch):
             self._publish_epoch(event)
         elif isinstance(event, Fix):
             self.published["fixes"] += 1
@@ -136,46 +130,23 @@ class EventPublisher:
             self._held = None
             self._epoch.publish_bytes(message)
 
-    def _publish_series(self, series: RangeSeries) -> None:
-        try:
-            messages = serialize_series(series, self._frame_id)
-        except ValueError:  # a time that no stamp can hold: those before it are published
-            for epoch in series.epochs():
-                self._publish_epoch(epoch)
-        else:
-            self._publish_observations(series.times, messages, len(series.names))
-
     def _publish_epoch(self, epoch: ObservationEpoch) -> None:
         nanoseconds = epoch.time.nanoseconds
-        if nanoseconds != self._last_nanoseconds:
-            self.release_epoch()
+        if nanoseconds == self._last_nanoseconds:
+            # The same epoch came in a second format, e.g. RANGE and RANGECMP in one log. An epoch
+            # without signals does not count: RANGECMP4 cannot be decoded without its reference.
+            self.left_out["epochs repeated"] += 1
+            return
+        self.release_epoch()
+        self._confirm_ephemerides()
         message = serialize_observations(epoch, self._frame_id)
-        self._publish_observations([nanoseconds], [message], len(epoch))
-
-    def _publish_observations(
-        self, times: Sequence[int], messages: Sequence[bytes], count: int
-    ) -> None:
-        """Publish epochs at times in ns since 1980-01-06 (GPS), with `count` signals each."""
-        # This is done 20 times a second for each receiver.
-        publish = self._high_rate.publish_bytes
-        for nanoseconds, message in zip(times, messages, strict=True):
-            if nanoseconds == self._last_nanoseconds:
-                # The same epoch came in a second format, e.g. RANGE and RANGECMP in one log. An
-                # epoch without signals does not count: RANGECMP4 cannot be decoded without its
-                # reference.
-                self.left_out["epochs repeated"] += 1
-                continue
-            if self._held is not None:
+        self._high_rate.publish_bytes(message)
+        self._last_nanoseconds = nanoseconds if len(epoch) else None
+        self.published["epochs"] += 1
+        if nanoseconds % NANOSECONDS_PER_SECOND == 0:
+            self._held = (nanoseconds // NANOSECONDS_PER_SECOND, message)
+            if not self._holds_epoch:
                 self.release_epoch()
-            if self._unconfirmed:
-                self._confirm_ephemerides()
-            publish(message)
-            self._last_nanoseconds = nanoseconds if count else None
-            self.published["epochs"] += 1
-            if nanoseconds % NANOSECONDS_PER_SECOND == 0:
-                self._held = (nanoseconds // NANOSECONDS_PER_SECOND, message)
-                if not self._holds_epoch:
-                    self.release_epoch()
 
     def _confirm_ephemerides(self) -> None:
         """In lockstep, wait until the subscribers have all ephemerides that were published."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from vtff_gnss.novatel import Event, RangeSeries
+from vtff_gnss.novatel import Event
 from vtff_gnss.observations import ObservationEpoch
 from vtff_nav.receiver.receiver_session import ReceiverSession
 from vtff_nav.receiver.second_watch import SecondWatch
@@ -20,8 +20,6 @@ OBSERVATION_GAP = 3.0
 #: Seconds of scenario time without a byte after which the receiver is configured again. The first
 #: number is doubled as long as that does not help; its growth is limited to the second number.
 SILENT_SECONDS = (2, 32)
-
-_OBSERVATIONS = (RangeSeries, ObservationEpoch)
 
 
 class LiveReceiver:
@@ -52,7 +50,7 @@ class LiveReceiver:
         """Return whether the receiver has been silent so long that its second is over."""
         return self._watch.is_quiet(now)
 
-    def advance(self, now: float) -> list[Event | RangeSeries]:
+    def advance(self, now: float) -> list[Event]:
         """Advance the session and return the decoded events; `now` in s.
 
         Nothing is waited for but the rest of a second of lockstep whose bytes are underway.
@@ -67,7 +65,7 @@ class LiveReceiver:
         self.statistics.add(byte_count, events)
         if self.session.is_running:
             self._ran_at = now
-        if self._observed_at is None or any(isinstance(e, _OBSERVATIONS) for e in events):
+        if self._observed_at is None or any(isinstance(e, ObservationEpoch) for e in events):
             self._observed_at = now
         return events
 

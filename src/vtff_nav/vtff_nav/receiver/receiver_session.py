@@ -15,7 +15,6 @@ from dataclasses import dataclass
 from vtff_gnss.novatel import (
     CommandResponse,
     Event,
-    RangeSeries,
     ReceiverLogStream,
     ReceiverVersion,
 )
@@ -193,10 +192,8 @@ class ReceiverSession:
         """Number of times that the port was opened again."""
         return max(0, self.connections - 1)
 
-    def advance(self, now: float, awaited_log: int | None = None) -> list[Event | RangeSeries]:
+    def advance(self, now: float, awaited_log: int | None = None) -> list[Event]:
         """Read and send without waiting, and return the decoded events.
-
-        Epochs of the same signals that were read together are one of these events.
 
         Parameters
         ----------
@@ -211,7 +208,7 @@ class ReceiverSession:
         if self._port is None and not self._connect():
             self._expire_requests()
             return []
-        events: list[Event | RangeSeries] = []
+        events: list[Event] = []
         try:
             self._send_outgoing()
             events = self._read(awaited_log)
@@ -283,7 +280,7 @@ class ReceiverSession:
         if self._port is not None and outgoing:
             del outgoing[: self._port.write(outgoing)]
 
-    def _read(self, awaited_log: int | None) -> list[Event | RangeSeries]:
+    def _read(self, awaited_log: int | None) -> list[Event]:
         """Read and decode; answers to commands go to the dialogue."""
         content = self._read_port(awaited_log)
         if not content:
@@ -292,8 +289,8 @@ class ReceiverSession:
         self._heard_at = self._now
         self._has_sent_since_configured |= self.is_running
         self._bytes_since_understood += len(content)
-        events: list[Event | RangeSeries] = []
-        for event in self._stream.feed_series(content):
+        events: list[Event] = []
+        for event in self._stream.feed(content):
             if isinstance(event, CommandResponse):
                 self._dialogue.take_answer(event)
                 continue

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
 from vtff_gnss.fix import Fix, ReceiverTime
-from vtff_gnss.novatel import Event, RangeSeries
+from vtff_gnss.novatel import Event
 from vtff_gnss.novatel.message_ids import ID_BESTXYZ, ID_TIME
 from vtff_gnss.observations import ObservationEpoch
 
@@ -71,7 +71,7 @@ class SecondWatch:
     def read(
         self,
         byte_count: int,
-        events: Iterable[Event | RangeSeries],
+        events: Iterable[Event],
         now: float,
         *,
         is_dialogue: bool = False,
@@ -85,12 +85,8 @@ class SecondWatch:
             self._is_heard |= not is_dialogue
         for event in events:
             if isinstance(event, self._end_type):
-                self._note_end(event.time.nanoseconds)
-            elif isinstance(event, RangeSeries) and self._end_type is ObservationEpoch:
-                self._note_end(max(event.times))
-
-    def _note_end(self, nanoseconds: int) -> None:
-        self.newest_end = max(self.newest_end, nanoseconds // NANOSECONDS_PER_SECOND)
+                second = event.time.nanoseconds // NANOSECONDS_PER_SECOND
+                self.newest_end = max(self.newest_end, second)
 
     def begin(self, second: int, now: float) -> None:
         """Begin to wait for the end of a second; its bytes may already have come."""

@@ -7,9 +7,8 @@ from collections import deque
 from collections.abc import Iterable
 
 from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
-from vtff_dynamics.time.timescales import GpsTime
 from vtff_gnss.fix import ReceiverTime
-from vtff_gnss.novatel import Event, RangeSeries
+from vtff_gnss.novatel import Event
 from vtff_gnss.observations import ObservationEpoch
 
 __all__ = ["StreamStatistics"]
@@ -33,18 +32,13 @@ class StreamStatistics:
         self._bytes = 0
         #: Receiver time (ns) and bytes received so far, one for each observation epoch.
         self._epochs: deque[tuple[int, int]] = deque()
-        self._newest: ObservationEpoch | RangeSeries | None = None
+        self._newest: ObservationEpoch | None = None
         self._time: ReceiverTime | None = None
-
-    def _newest_epoch(self) -> ObservationEpoch | None:
-        if isinstance(self._newest, RangeSeries):
-            (self._newest,) = self._newest.epochs(len(self._newest) - 1)
-        return self._newest
 
     @property
     def satellites(self) -> int:
         """Number of satellites in the newest epoch."""
-        epoch = self._newest_epoch()
+        epoch = self._newest
         if epoch is None:
             return 0
         return len(set(zip(epoch.system.tolist(), epoch.prn.tolist(), strict=True)))
@@ -52,21 +46,13 @@ class StreamStatistics:
     @property
     def newest_nanoseconds(self) -> int:
         """Unix time of the newest epoch; 0 before the first."""
-        newest = self._newest
-        if newest is None:
-            return 0
-        # The columns of a series are not needed here, which is asked for at each read.
-        time = GpsTime(newest.times[-1]) if isinstance(newest, RangeSeries) else newest.time
-        return time.to_unix_nanoseconds()
+        return 0 if self._newest is None else self._newest.time.to_unix_nanoseconds()
 
-    def add(self, byte_count: int, events: Iterable[Event | RangeSeries]) -> None:
+    def add(self, byte_count: int, events: Iterable[Event]) -> None:
         """Add the bytes and events of one read; its epochs share the bytes evenly."""
         times: list[int] = []
         for event in events:
-            if isinstance(event, RangeSeries):
-                times += event.times
-                self._newest = event
-            elif isinstance(event, ObservationEpoch):
+            if isinstance(event, ObservationEpoch):
                 times.append(event.time.nanoseconds)
                 self._newest = event
             elif isinstance(event, ReceiverTime):
@@ -102,7 +88,7 @@ class StreamStatistics:
 
     def tracking_values(self) -> dict[str, str]:
         """Return satellites, C/N0 and clock of the newest epoch for /diagnostics."""
-        epoch = self._newest_epoch()
+        epoch = self._newest
         if epoch is None:
             return {"satellites": "0"}
         status = int(epoch.time_status)

@@ -10,14 +10,13 @@ import pytest
 
 pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
-from gnss_test_support import binary_frame, range_records
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from rclpy.serialization import deserialize_message, serialize_message
 
 from vtff_dynamics.time.timescales import GpsTime, parse_epoch
 from vtff_gnss import constants, ephemeris, fix
-from vtff_gnss.novatel import RangeSeries, RawLog, ReceiverLogStream
+from vtff_gnss.novatel import RawLog
 from vtff_gnss.observations import OBSERVATION_COLUMNS, ObservationEpoch
 from vtff_msgs.msg import (
     GlonassEphemeris,
@@ -27,7 +26,7 @@ from vtff_msgs.msg import (
     ReceiverLog,
 )
 from vtff_node.conversions import gnss as conversions
-from vtff_node.conversions.observation_bytes import serialize_observations, serialize_series
+from vtff_node.conversions.observation_bytes import serialize_observations
 from vtff_node.stamps import to_nanoseconds
 
 SECOND = 1_000_000_000
@@ -135,41 +134,6 @@ def test_bytes_of_observations_are_those_of_ros(epoch, frame_id):
     # ROS leaves the bytes that align fields as they were in its memory; here they are zero.
     assert all(one == other for one, other in zip(content, of_ros, strict=True) if one)
     assert conversions.observations_from_message(message, log_name="RANGE") == epoch
-
-
-def series_from(first, step_milliseconds=50, count=45):
-    """Return 40 RANGE logs from a time on; one of the signals has no RINEX name."""
-    records = range_records(count)
-    records["prn"][2:3] = 0
-    frames = []
-    for index in range(40):
-        records["pseudorange"] += 17.25
-        records["lock_time"] += 0.05 if index != 7 else -1.0
-        payload = count.to_bytes(4, "little") + records.tobytes()
-        milliseconds = first.nanoseconds // 1_000_000 + index * step_milliseconds
-        week, rest = divmod(milliseconds, 604_800_000)
-        frames.append(binary_frame(43, payload, rest, week, time_status=160 + index))
-    (series,) = ReceiverLogStream().feed_series(b"".join(frames))
-    assert isinstance(series, RangeSeries)
-    return series
-
-
-@pytest.mark.parametrize("count", [0, 1, 45])
-@pytest.mark.parametrize("first", [parse_epoch("2016-03-26T23:59:59 GPS"), LEAP_SECOND + -0.5])
-def test_bytes_of_a_series_are_those_of_its_epochs(first, count):
-    """Also at the end of a week and around a leap second."""
-    series = series_from(first, count=count)
-    epochs = series.epochs()
-    assert len(epochs) == 40 and len(epochs[0]) == len(series.names) == max(count - 1, count % 2)
-    for frame_id in ("chief/gnss_antenna", ""):
-        one_by_one = [serialize_observations(epoch, frame_id) for epoch in epochs]
-        assert serialize_series(series, frame_id) == one_by_one
-
-
-def test_a_series_beyond_the_last_stamp_is_refused():
-    series = series_from(GpsTime(1_831_518_000 * SECOND), step_milliseconds=3_600_000)
-    with pytest.raises(ValueError, match="does not fit a ROS stamp"):
-        serialize_series(series, "chief/gnss_antenna")
 
 
 @IDENTICAL

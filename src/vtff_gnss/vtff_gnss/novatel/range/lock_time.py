@@ -9,7 +9,7 @@ from vtff_dynamics.time.timescales import GpsTime
 
 __all__ = ["LockTimeTracker", "lock_key"]
 
-MAX_TOLERANCE = 0.05
+_MAX_TOLERANCE = 0.05
 """s; covers the lock-time resolution of the logs (RANGECMP: 1/32 s)."""
 
 _SYSTEM_STRIDE = 1 << 13
@@ -30,18 +30,13 @@ class LockTimeTracker:
     A signal has been tracked without interruption if its lock time has grown as much as time has
     passed. A logged lock time may be a lower bound (saturated, or a class of lock times); then
     lock is reported lost only if even the upper bound has not grown enough.
-
-    Attributes
-    ----------
-    seconds : ndarray, shape (keys,)
-        When each signal was last seen, s since 1980-01-06 (GPS); NaN for never.
-    lock_time : ndarray, shape (keys,)
-        Its lock time then, s.
     """
 
     def __init__(self) -> None:
-        self.seconds = np.full(_KEYS, np.nan)
-        self.lock_time = np.zeros(_KEYS)
+        #: When each signal was last seen, s since 1980-01-06 (GPS); NaN for never.
+        self._seconds = np.full(_KEYS, np.nan)
+        #: Its lock time then, s.
+        self._lock_time = np.zeros(_KEYS)
 
     def update(
         self,
@@ -67,14 +62,14 @@ class LockTimeTracker:
             Lock was lost since the signal was last seen. False for a signal seen first.
         """
         seconds = time.nanoseconds * 1e-9
-        elapsed = seconds - self.seconds[key]
-        growth = lock_time_bound - self.lock_time[key]
+        elapsed = seconds - self._seconds[key]
+        growth = lock_time_bound - self._lock_time[key]
         # Half of the step at most, or a slip between two 20 Hz epochs would go unseen.
-        tolerance = np.minimum(np.maximum(0.5 * elapsed, 0.0), MAX_TOLERANCE)
+        tolerance = np.minimum(np.maximum(0.5 * elapsed, 0.0), _MAX_TOLERANCE)
         # RANGE has float32 lock times, which grow in coarse steps after some days.
         tolerance += np.spacing(lock_time.astype(np.float32))
         # False where nothing is known, because no comparison with NaN holds.
         is_lost = growth + tolerance <= elapsed
-        self.seconds[key] = seconds
-        self.lock_time[key] = lock_time
+        self._seconds[key] = seconds
+        self._lock_time[key] = lock_time
         return np.asarray(is_lost)

@@ -104,11 +104,8 @@ def decode_range(payload: bytes) -> SignalRecords:
         If the payload is shorter than its count of observations says.
     """
     count = int.from_bytes(payload[:4], "little")
-    return _range_columns(np.frombuffer(payload, dtype=RANGE_RECORD, count=count, offset=4))
-
-
-def _range_columns(records: npt.NDArray[np.void]) -> SignalRecords:
-    status = records["tracking_status"]
+    records = np.frombuffer(payload, dtype=RANGE_RECORD, count=count, offset=4)
+    status = records["tracking_status"].astype(np.intp)
     lock_time = records["lock_time"]
     return SignalRecords(
         system=system_from_status(status),

@@ -15,15 +15,9 @@ from vtff_gnss.novatel.range.lock_time import LockTimeTracker, lock_key
 from vtff_gnss.novatel.range.tracking_status import rinex_prn, rinex_signal
 from vtff_gnss.observations import OBSERVATION_COLUMNS, ObservationEpoch
 
-__all__ = [
-    "MEASURED_COLUMNS",
-    "SignalNames",
-    "SignalRecords",
-    "epoch_from_records",
-    "signal_names",
-]
+__all__ = ["SignalRecords", "epoch_from_records"]
 
-MEASURED_COLUMNS = (
+_MEASURED_COLUMNS = (
     "pseudorange", "carrier_phase_cycles", "doppler_hz", "cn0_dbhz", "pseudorange_sigma",
     "carrier_phase_sigma_cycles", "lock_time", "flags",
 )  # fmt: skip
@@ -70,17 +64,8 @@ def epoch_from_records(
     unnamed_count : int
         Records left out because system, signal or satellite has no RINEX name.
     """
-    names = signal_names(
-        b"".join(
-            np.asarray(column, dtype=np.int64).tobytes()
-            for column in (
-                records.system,
-                records.signal,
-                records.prn_novatel,
-                records.glonass_channel,
-            )
-        )
-    )
+    signals = (records.system, records.signal, records.prn_novatel, records.glonass_channel)
+    names = _signal_names(np.array(signals, dtype=np.int64).tobytes())
     chosen = names.chosen
     is_lost = lock_times.update(
         time, names.lock_key, records.lock_time[chosen], records.lock_time_bound[chosen]
@@ -89,7 +74,7 @@ def epoch_from_records(
     columns: dict[str, npt.NDArray[Any]] = {
         name: column.copy() for name, column in names.columns.items()
     }
-    for name in MEASURED_COLUMNS:
+    for name in _MEASURED_COLUMNS:
         columns[name] = getattr(records, name)[chosen].astype(OBSERVATION_COLUMNS[name])
     columns["flags"][is_lost] |= FLAG_LOCK_LOST
     epoch = ObservationEpoch(
@@ -103,39 +88,29 @@ def epoch_from_records(
 
 
 @dataclass(frozen=True, eq=False)
-class SignalNames:
+class _SignalNames:
     """RINEX names of the signals of a log; arrays are read-only.
 
     Parameters
     ----------
     chosen : ndarray of bool, or slice
         Which of the records have a name.
-    places : ndarray of int64, shape (n,)
-        Indices of the records that have a name.
     unnamed_count : int
         Number of records without a name.
     lock_key : ndarray of int64, shape (n,)
         See `vtff_gnss.novatel.range.lock_time.lock_key`.
-    has_repetition : bool
-        Whether a signal is there twice.
     columns : dict of str to ndarray, shape (n,)
         Columns `system` to `glonass_channel` of an `ObservationEpoch`.
     """
 
     chosen: npt.NDArray[np.bool_] | slice
-    places: npt.NDArray[np.int64]
     unnamed_count: int
     lock_key: npt.NDArray[np.int64]
-    has_repetition: bool
     columns: dict[str, npt.NDArray[Any]]
-
-    def __len__(self) -> int:
-        """Return the number of signals with a name."""
-        return len(self.places)
 
 
 @functools.lru_cache(maxsize=256)
-def signal_names(signals: bytes) -> SignalNames:
+def _signal_names(signals: bytes) -> _SignalNames:
     """Return the names of a list of signals, which stays the same over many epochs.
 
     Parameters
@@ -157,12 +132,9 @@ def signal_names(signals: bytes) -> SignalNames:
         "attribute": attribute,
         "glonass_channel": np.where(systems == SYSTEM_GLONASS, channel, 0),
     }
-    key = lock_key(systems[chosen], prn[chosen], signal[chosen])
-    return SignalNames(
+    return _SignalNames(
         chosen,
-        np.flatnonzero(is_named),
         unnamed_count,
-        key,
-        len(np.unique(key)) < len(key),
+        lock_key(systems[chosen], prn[chosen], signal[chosen]),
         {name: c[chosen].astype(OBSERVATION_COLUMNS[name]) for name, c in columns.items()},
     )

@@ -80,40 +80,35 @@ for (_system, _signal), (_band, _attribute) in NOVATEL_SIGNALS.items():
     _BAND[_system, _signal] = _band
     _ATTRIBUTE[_system, _signal] = ord(_attribute)
 
-# By bits 10 (phase lock), 11 (parity known) and 12 (code locked), and by bit 28.
+# By bits 10 (phase lock), 11 (parity known), 12 (code locked) and 28 (half cycle added).
 _FLAGS = np.array(
     [
-        [
-            (bits & 1) * c.FLAG_PHASE_VALID
-            | (bits >> 1 & 1) * c.FLAG_PARITY_KNOWN
-            | (bits >> 2 & 1) * c.FLAG_CODE_VALID
-            | is_added * c.FLAG_HALF_CYCLE_ADDED
-            for is_added in (0, 1)
-        ]
-        for bits in range(8)
+        (bits & 1) * c.FLAG_PHASE_VALID
+        | (bits >> 1 & 1) * c.FLAG_PARITY_KNOWN
+        | (bits >> 2 & 1) * c.FLAG_CODE_VALID
+        | (bits >> 3 & 1) * c.FLAG_HALF_CYCLE_ADDED
+        for bits in range(16)
     ],
     dtype=np.uint16,
 )
 
 
-def system_from_status(status: npt.NDArray[np.uint32]) -> npt.NDArray[np.intp]:
+def system_from_status(status: npt.NDArray[np.integer]) -> npt.NDArray[np.intp]:
     """Return the satellite system (bits 16-18) of channel tracking status words, shape (n,)."""
-    return np.asarray((status >> np.uint32(16)) & np.uint32(7), dtype=np.intp)
+    return np.asarray(status >> 16 & 7, dtype=np.intp)
 
 
-def signal_from_status(status: npt.NDArray[np.uint32]) -> npt.NDArray[np.intp]:
+def signal_from_status(status: npt.NDArray[np.integer]) -> npt.NDArray[np.intp]:
     """Return the signal type (bits 21-25) of channel tracking status words, shape (n,)."""
-    return np.asarray((status >> np.uint32(21)) & np.uint32(31), dtype=np.intp)
+    return np.asarray(status >> 21 & 31, dtype=np.intp)
 
 
-def flags_from_status(status: npt.NDArray[np.uint32]) -> npt.NDArray[np.uint16]:
+def flags_from_status(status: npt.NDArray[np.integer]) -> npt.NDArray[np.uint16]:
     """Return ``FLAG_*`` of channel tracking status words, shape (n,).
 
     Bits 10 phase lock, 11 parity known, 12 code locked, 28 half cycle added.
     """
-    locks = (status >> np.uint32(10)) & np.uint32(7)
-    half_cycle = (status >> np.uint32(28)) & np.uint32(1)
-    return np.asarray(_FLAGS[locks, half_cycle])
+    return np.asarray(_FLAGS[status >> 10 & 7 | status >> 25 & 8])
 
 
 def rinex_signal(
