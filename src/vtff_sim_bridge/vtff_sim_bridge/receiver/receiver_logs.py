@@ -110,7 +110,7 @@ class LogDefinition:
 
 
 class RangeEncoder:
-    """Encoder of RANGE: encodes a whole series at its first epoch, which is many times cheaper."""
+    """Encoder of RANGE: encodes a whole series at its first epoch."""
 
     def __init__(self) -> None:
         self._series: ObservationSeries | None = None

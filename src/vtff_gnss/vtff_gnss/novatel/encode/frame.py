@@ -7,12 +7,8 @@ are those of novatel_edie and of real logs.
 from __future__ import annotations
 
 import struct
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
-
-import numpy as np
-import numpy.typing as npt
 
 from vtff_dynamics.constants import NANOSECONDS_PER_MILLISECOND
 from vtff_dynamics.time.timescales import GpsTime
@@ -21,20 +17,15 @@ from vtff_gnss.novatel.framing import crc32_novatel
 from vtff_gnss.novatel.header import MILLISECONDS_PER_WEEK, TIME_STATUS_UNKNOWN
 
 __all__ = [
-    "HEADER_LENGTH",
     "ID_IONUTC",
     "PORT_ADDRESSES",
     "TIME_STATUS_FINE_STEERING",
     "TIME_STATUS_SATELLITE",
     "Generation",
     "HeaderSettings",
-    "check_length",
-    "check_times",
     "encode_frame",
-    "header_words",
 ]
 
-HEADER_LENGTH = 28
 ID_IONUTC = 8
 TIME_STATUS_FINE_STEERING = 180
 TIME_STATUS_SATELLITE = 200
@@ -136,50 +127,17 @@ def encode_frame(
     if time is None:
         time_status = TIME_STATUS_UNKNOWN
     if time is not None and time_status != TIME_STATUS_UNKNOWN:
-        check_times((time.nanoseconds,))
-        total = time.nanoseconds // NANOSECONDS_PER_MILLISECOND
+        total, remainder = divmod(time.nanoseconds, NANOSECONDS_PER_MILLISECOND)
+        if remainder:
+            raise ValueError(f"time: {time} is not a whole millisecond")
         week, milliseconds = divmod(total, MILLISECONDS_PER_WEEK)
-    check_length(len(payload))
-    header = _header(
-        message_id, len(payload), settings, time_status, week, milliseconds, receiver_status
-    )
-    content = header + payload
-    return content + _CRC.pack(crc32_novatel(content))
-
-
-def header_words(
-    message_id: int, settings: HeaderSettings, time_status: int, receiver_status: int
-) -> npt.NDArray[np.uint32]:
-    """Return a header as `encode_frame` makes it, without length and time, as 7 words."""
-    header = _header(message_id, 0, settings, time_status, 0, 0, receiver_status)
-    return np.frombuffer(header, dtype=np.uint32)
-
-
-def check_times(times: Sequence[int]) -> None:
-    """Raise ValueError if a time, ns, is not a whole millisecond, which a header cannot hold."""
-    for time in times:
-        if time % NANOSECONDS_PER_MILLISECOND:
-            raise ValueError(f"time: {GpsTime(time)} is not a whole millisecond")
-
-
-def check_length(payload_length: int) -> None:
-    """Raise ValueError if a payload, bytes, is too long for a frame."""
-    if payload_length > _LONGEST_PAYLOAD:
-        raise ValueError(f"payload: {payload_length} bytes do not fit a frame")
-
-
-def _header(
-    message_id: int,
-    payload_length: int,
-    settings: HeaderSettings,
-    time_status: int,
-    week: int,
-    milliseconds: int,
-    receiver_status: int,
-) -> bytes:
-    return _HEADER.pack(
-        0xAA, 0x44, 0x12, HEADER_LENGTH, message_id, 0, settings.port_address, payload_length,
+    if len(payload) > _LONGEST_PAYLOAD:
+        raise ValueError(f"payload: {len(payload)} bytes do not fit a frame")
+    header = _HEADER.pack(
+        0xAA, 0x44, 0x12, _HEADER.size, message_id, 0, settings.port_address, len(payload),
         0, settings.idle_time, time_status, week, milliseconds, receiver_status,
         _DEFINITION_CRCS[settings.generation].get(message_id, 0),
         settings.software_version,
     )  # fmt: skip
+    content = header + payload
+    return content + _CRC.pack(crc32_novatel(content))

@@ -4,27 +4,22 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
+from vtff_dynamics.time.timescales import GpsTime
 from vtff_gnss import constants as c
 from vtff_gnss.novatel import message_ids as ids
-from vtff_gnss.novatel.encode.frame import (
-    HEADER_LENGTH,
-    HeaderSettings,
-    check_length,
-    check_times,
-    encode_frame,
-    header_words,
+from vtff_gnss.novatel.encode.frame import HeaderSettings, encode_frame
+from vtff_gnss.novatel.range.range_logs import (
+    GLONASS_CHANNEL_OFFSET,
+    RANGE_RECORD,
+    RANGECMP_RECORD,
 )
-from vtff_gnss.novatel.encode.range_frames import write_range_frames
-from vtff_gnss.novatel.framing import CRC_LENGTH
-from vtff_gnss.novatel.header import TIME_STATUS_UNKNOWN
-from vtff_gnss.novatel.range.range_logs import GLONASS_CHANNEL_OFFSET, RANGECMP_RECORD
 from vtff_gnss.novatel.range.tracking_status import NOVATEL_SIGNALS, rinex_prn
-from vtff_gnss.observations import EpochTimes, ObservationEpoch, ObservationSeries
+from vtff_gnss.observations import ObservationEpoch, ObservationSeries
 
 __all__ = [
     "encode_range",
@@ -118,14 +113,10 @@ _LOCK_TIME_MAX = (1 << 21) - 1
 
 
 class _SignalNumbers(NamedTuple):
-    """NovAtel's numbers of the signals of an epoch; all of shape (n,), read-only.
-
-    `prn_words` has the frequency in its upper half and the satellite in its lower one.
-    """
+    """NovAtel's numbers of the signals of an epoch; all of shape (n,), read-only."""
 
     prn: npt.NDArray[np.uint16]
     glonass_frequency: npt.NDArray[np.uint16]
-    prn_words: npt.NDArray[np.uint32]
     status_locked: npt.NDArray[np.uint32]
     status_unlocked: npt.NDArray[np.uint32]
 
@@ -155,7 +146,7 @@ def tracking_status(
 
 
 def _tracking_status(
-    epoch: ObservationEpoch,
+    epoch: ObservationEpoch | ObservationSeries,
     numbers: _SignalNumbers,
     channel: npt.NDArray[np.integer] | None,
 ) -> npt.NDArray[np.uint32]:
@@ -199,11 +190,9 @@ def _signal_numbers(
     glonass_channel = np.frombuffer(channel, dtype=np.int8).astype(np.int16)
     is_known = (system == c.SYSTEM_GLONASS) & (glonass_channel != c.GLONASS_CHANNEL_UNKNOWN)
     frequency = (glonass_channel + np.int16(GLONASS_CHANNEL_OFFSET)) * is_known
-    prn_numbers = prn_novatel(system, prn)
     return _SignalNumbers(
-        prn_numbers,
+        prn_novatel(system, prn),
         frequency.astype(np.uint16),
-        prn_numbers | frequency.astype(np.uint32) << np.uint32(16),
         words | _STATE_LOCKED[signal_index],
         words | _STATE_UNLOCKED[signal_index],
     )
@@ -248,70 +237,48 @@ def encode_range(
         If the time is not a whole millisecond, or NovAtel has no number for a signal.
     """
     is_observed = np.ones((1, len(epoch)), dtype=bool)
-    return _range_frames(epoch, [epoch.time.nanoseconds], is_observed, settings, channel)[0]
+    return _range_frames(epoch, (epoch.time,), is_observed, settings, channel)[0]
 
 
 def encode_range_series(series: ObservationSeries, settings: HeaderSettings) -> list[bytes]:
     """Return the RANGE logs of the epochs of a series, as `encode_range` makes them.
 
-    Many times faster than epoch by epoch.
-
     Parameters, Raises
         See `encode_range`.
     """
-    if isinstance(series.times, EpochTimes):
-        times = series.times.nanoseconds
-    else:
-        times = [time.nanoseconds for time in series.times]
-    return _range_frames(series, times, series.is_observed, settings, series.channel)
+    return _range_frames(series, series.times, series.is_observed, settings, series.channel)
 
 
 def _range_frames(
     observations: ObservationEpoch | ObservationSeries,
-    times: Sequence[int],
+    times: Sequence[GpsTime],
     is_observed: npt.NDArray[np.bool_],
     settings: HeaderSettings,
     channel: npt.NDArray[np.integer] | None,
 ) -> list[bytes]:
-    """Return the RANGE logs of epochs at k times, ns; all but signals may have k as first axis."""
-    o, shape = observations, is_observed.shape
-    numbers = _numbers_of(observations)
-    if o.time_status == TIME_STATUS_UNKNOWN:
-        times = [-1] * len(times)
-    else:
-        check_times(times)
-    if channel is None:
-        channel = np.zeros(shape, dtype=np.uint8)
-
-    def column(values: npt.NDArray[Any], kind: type[np.generic] | None = None) -> npt.NDArray[Any]:
-        return np.ascontiguousarray(values, dtype=kind).reshape(shape)
-
-    words, ends = write_range_frames(
-        header_words(ids.ID_RANGE, settings, o.time_status, o.receiver_status),
-        np.array(times),
-        np.ascontiguousarray(is_observed),
-        numbers.prn_words,
-        numbers.status_locked,
-        numbers.status_unlocked,
-        _FLAG_BITS,
-        int(_PHASE_LOCK_BIT),
-        column(o.pseudorange, np.float64),
-        column(o.carrier_phase_cycles, np.float64),
-        column(o.pseudorange_sigma),
-        column(o.carrier_phase_sigma_cycles),
-        column(o.doppler_hz),
-        column(o.cn0_dbhz),
-        column(o.lock_time),
-        column(o.flags, np.uint16),
-        column(channel, np.uint8),
-    )
-    content = words.tobytes()
-    frames, start = [], 0
-    for end in ends.tolist():
-        check_length(4 * (end - start) - HEADER_LENGTH - CRC_LENGTH)
-        frames.append(content[4 * start : 4 * end])
-        start = end
-    return frames
+    """Return the RANGE logs of k epochs; `is_observed` is of shape (k, n)."""
+    o = observations
+    numbers = _numbers_of(o)
+    signal = is_observed.nonzero()[1]
+    records = np.empty(len(signal), RANGE_RECORD)
+    records["prn"] = numbers.prn[signal]
+    records["glonass_frequency"] = numbers.glonass_frequency[signal]
+    for name, column in (
+        ("pseudorange", o.pseudorange),
+        ("pseudorange_sigma", o.pseudorange_sigma),
+        ("accumulated_doppler_cycles", -o.carrier_phase_cycles),
+        ("accumulated_doppler_sigma_cycles", o.carrier_phase_sigma_cycles),
+        ("doppler_hz", o.doppler_hz),
+        ("cn0_dbhz", o.cn0_dbhz),
+        ("lock_time", o.lock_time),
+        ("tracking_status", _tracking_status(o, numbers, channel)),
+    ):
+        records[name] = column.reshape(is_observed.shape)[is_observed]
+    ends = np.cumsum(np.count_nonzero(is_observed, axis=1)).tolist()
+    return [
+        _frame(ids.ID_RANGE, records[start:end], time, o, settings)
+        for time, start, end in zip(times, [0, *ends], ends, strict=False)
+    ]
 
 
 def encode_rangecmp(
@@ -345,7 +312,7 @@ def encode_rangecmp(
             | cn0 << np.uint32(21)
             | numbers.glonass_frequency.astype(np.uint32) << np.uint32(26)
         )
-    return _frame(ids.ID_RANGECMP, records, epoch, settings)
+    return _frame(ids.ID_RANGECMP, records, epoch.time, epoch, settings)
 
 
 def _doppler_pseudorange(epoch: ObservationEpoch) -> npt.NDArray[np.uint64]:
@@ -368,10 +335,10 @@ def _sigma_numbers(epoch: ObservationEpoch) -> npt.NDArray[np.uint8]:
 def _frame(
     message_id: int,
     records: npt.NDArray[np.void],
-    epoch: ObservationEpoch,
+    time: GpsTime,
+    observations: ObservationEpoch | ObservationSeries,
     settings: HeaderSettings,
 ) -> bytes:
-    payload = len(epoch).to_bytes(4, "little") + records.tobytes()
-    return encode_frame(
-        message_id, payload, epoch.time, settings, epoch.time_status, epoch.receiver_status
-    )
+    payload = len(records).to_bytes(4, "little") + records.tobytes()
+    status = observations.time_status, observations.receiver_status
+    return encode_frame(message_id, payload, time, settings, *status)
