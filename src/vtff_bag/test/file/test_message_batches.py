@@ -3,6 +3,8 @@
 import bag_samples
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from observation_messages import random_observations
 from rclpy.serialization import serialize_message
 
@@ -103,3 +105,10 @@ def test_columns_of_a_batch_are_those_of_its_messages():
     for name, values in expected.sequences.items():
         assert np.array_equal(columns.sequences[name], values, equal_nan=True)
         assert np.array_equal(columns.lengths[name], expected.lengths[name])
+
+
+@given(st.binary(min_size=8, max_size=20), st.integers(1, 8), st.integers(0, 12))
+def test_integers_are_those_of_python(content, length, place):
+    place = min(place, len(content) - length)
+    expected = int.from_bytes(content[place : place + length], "little", signed=length == 8)
+    assert batches.read_integer(np.frombuffer(content, dtype=np.uint8), place, length) == expected

@@ -20,9 +20,8 @@ import numpy as np
 import numpy.typing as npt
 
 from vtff_bag.file.errors import BagReadError
-from vtff_bag.file.message_batches import MessageBatch, copy_parts
+from vtff_bag.file.message_batches import MessageBatch, copy_parts, read_integer
 from vtff_bag.file.message_definitions import message_class
-from vtff_dynamics.byte_integers import read_integer
 from vtff_dynamics.compiled import compiled
 
 __all__ = ["ColumnCollector", "MessageColumns"]

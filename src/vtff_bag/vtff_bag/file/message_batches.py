@@ -17,7 +17,6 @@ from vtff_bag.file import mcap_blocks
 from vtff_bag.file.errors import BagReadError
 from vtff_bag.file.mcap_blocks import MESSAGE_HEAD_SIZE, MESSAGE_OPCODE, RECORD, Block
 from vtff_bag.file.reader import BagReader, RawMessage
-from vtff_dynamics.byte_integers import read_integer
 from vtff_dynamics.compiled import compiled
 
 __all__ = [
@@ -26,6 +25,7 @@ __all__ = [
     "find_messages",
     "join_batches",
     "message_batches",
+    "read_integer",
     "topic_table",
 ]
 
@@ -204,6 +204,24 @@ def join_batches(batches: Sequence[MessageBatch]) -> MessageBatch:
     shift = np.repeat(np.cumsum([0, *sizes[:-1]]), [len(batch.begin) for batch in batches])
     joined = MessageBatch(*(np.concatenate(columns) for columns in zip(*batches, strict=True)))
     return joined._replace(begin=joined.begin + shift, end=joined.end + shift)
+
+
+@compiled
+def read_integer(content, place, length):  # type: ignore[no-untyped-def]
+    """Return the integer of some bytes, the lowest first; one of eight bytes may be negative.
+
+    Parameters
+    ----------
+    content : ndarray of uint8, shape (n,)
+    place : int
+        Place of the first byte.
+    length : int
+        Number of bytes, 1 to 8.
+    """
+    number = np.int64(0)
+    for byte in range(length):
+        number |= np.int64(content[place + byte]) << (8 * byte)
+    return number
 
 
 @compiled
