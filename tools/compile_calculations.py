@@ -28,13 +28,11 @@ def compile_estimator() -> None:
 
 def compile_receivers() -> None:
     """Compile the emulated receivers."""
-    from vtff_nav.receiver.live_port import load_carry
     from vtff_sim_bridge.gnss.configuration import load_gnss_configuration
     from vtff_sim_bridge.simgen.gnss_emulation import compile_kernels
 
     for name in ("reference", "realistic"):
         compile_kernels(load_gnss_configuration(CONFIG / "gnss" / f"{name}.yaml"))
-    load_carry()
 
 
 def compile_truth() -> None:

@@ -12,7 +12,7 @@ setup(
         ("share/ament_index/resource_index/packages", ["resource/" + package_name]),
         ("share/" + package_name, ["package.xml"]),
     ],
-    package_data={package_name: ["py.typed", "receiver/carry_bytes.c"]},
+    package_data={package_name: ["py.typed"]},
     install_requires=[
         "numpy>=1.26,<3",
         "scipy>=1.11,<2",

@@ -16,13 +16,7 @@ from vtff_gnss.novatel import ReceiverLogStream
 from vtff_msgs.srv import SendCommand
 from vtff_nav.receiver.driver_parameters import ReceiverDriverParameters
 from vtff_nav.receiver.event_publisher import EventPublisher
-from vtff_nav.receiver.live_port import (
-    CarriedPort,
-    LivePort,
-    PortAddress,
-    load_carry,
-    open_port,
-)
+from vtff_nav.receiver.live_port import LivePort, PortAddress, open_port
 from vtff_nav.receiver.live_receiver import LiveReceiver
 from vtff_nav.receiver.log_replay import whole_second
 from vtff_nav.receiver.port_watch import PortWatch
@@ -69,7 +63,7 @@ class LiveFeed:
         self._watch = PortWatch(self._wake)
         self._port: LivePort | None = None
         self._session = ReceiverSession(
-            functools.partial(_open, address, parameters.baud, node.lockstep),
+            functools.partial(open_port, address, parameters.baud),
             stream,
             SessionSettings(
                 commands=tuple(parameters.commands),
@@ -245,10 +239,3 @@ class LiveFeed:
             hardware_id += f" {session.version.model} {session.version.serial_number}"
             values["firmware"] = session.version.software_version
         return level, text, values, hardware_id
-
-
-def _open(address: PortAddress, baud: int, is_lockstep: bool) -> LivePort:
-    """Open a port; a serial line in lockstep is read as bytes come, by a thread in C."""
-    port = open_port(address, baud)
-    carry = load_carry() if is_lockstep and address.path else None
-    return port if carry is None else CarriedPort(port, carry)

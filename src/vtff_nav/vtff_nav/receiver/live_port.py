@@ -4,40 +4,27 @@ from __future__ import annotations
 
 import contextlib
 import errno
-import fcntl
-import functools
 import os
-import pathlib
 import select
 import socket
 import stat
 import termios
-import threading
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
 import serial
 
-from vtff_dynamics.machine_code import load_module_in_c
-
 __all__ = [
-    "CarriedPort",
     "LivePort",
     "PortAddress",
     "PortError",
     "SerialPort",
     "TcpPort",
     "live_address",
-    "load_carry",
     "open_port",
 ]
 
 READ_LENGTH = 1 << 16
-#: Reads a line without the interpreter lock.
-_CARRY_SOURCE = pathlib.Path(__file__).with_name("carry_bytes.c")
-#: Bytes that a pipe holds, ten seconds of a receiver at 20 Hz; what does not fit waits in the port.
-PIPE_SIZE = 1 << 18
 
 #: Errors that pyserial does not convert; `termios.error` is no OSError.
 _LINE_ERRORS = (OSError, ValueError, termios.error)
@@ -279,114 +266,6 @@ class TcpPort:
     def close(self) -> None:
         """Close the connection."""
         self._socket.close()
-
-
-@functools.cache
-def load_carry() -> Callable[[int, int, int], None] | None:
-    """Return the function in C that carries bytes; None where it cannot be compiled."""
-    carry: Callable[[int, int, int], None] | None = getattr(
-        load_module_in_c("vtff_carry_bytes", _CARRY_SOURCE), "carry", None
-    )
-    return carry
-
-
-class CarriedPort:
-    """A port whose bytes a thread carries to a pipe as they come: a read finds them together.
-
-    A pseudo-terminal holds 15 kB of a second's 25 and gives 4 kB at a read; its reader, the kernel
-    and the emulated receiver take turns, which took an eighth of the time of a lockstep run. It is
-    for lockstep, where nobody waits for single bytes.
-
-    Parameters
-    ----------
-    port : LivePort
-        Is closed with this one, also where this one cannot be made.
-    carry : callable
-        The function of `load_carry`.
-
-    Attributes
-    ----------
-    baud : int or None
-        Rate in bit/s; None if the port has no rate.
-
-    Raises
-    ------
-    PortError
-        If there is no descriptor or thread left for it.
-    """
-
-    def __init__(self, port: LivePort, carry: Callable[[int, int, int], None]) -> None:
-        self._port = port
-        self.baud = port.baud
-        self._carry = carry
-        self._is_open = True
-        self._has_ended = False
-        with contextlib.ExitStack() as made:
-            made.callback(port.close)
-            try:
-                self._source, self._sink = _make_pipe(made)
-                self._stopped, self._stop = _make_pipe(made)
-                self._thread = threading.Thread(target=self._run, name="port carrier", daemon=True)
-                self._thread.start()
-            except (OSError, RuntimeError) as error:
-                raise PortError(f"the line cannot be read by a thread: {error}") from error
-            made.pop_all()
-
-    def _run(self) -> None:
-        try:
-            self._carry(self._port.fileno(), self._sink, self._stopped)
-        finally:
-            self._has_ended = True
-            os.close(self._sink)
-
-    def fileno(self) -> int:
-        """Return the descriptor, for a selector."""
-        return self._source
-
-    def read(self) -> bytes:
-        """Return the bytes that have arrived; raise `PortError` if the port is lost."""
-        try:
-            content = os.read(self._source, READ_LENGTH)
-        except (BlockingIOError, InterruptedError):
-            if not self._has_ended:
-                return b""
-            content = b""  # a process that was forked may hold the pipe still
-        if not content:
-            content = self._port.read()  # which tells why the thread has ended
-        if not content:
-            raise PortError("the line is not read any more: its thread has ended")
-        return content
-
-    def write(self, content: bytes | bytearray) -> int:
-        """Write the bytes that fit; raise `PortError` if the port is lost."""
-        return self._port.write(content)
-
-    def set_baud(self, baud: int) -> None:
-        """Change the rate; raise `PortError` if the port cannot."""
-        self._port.set_baud(baud)
-        self.baud = self._port.baud
-
-    def close(self) -> None:
-        """Close the port; a second call does nothing."""
-        if not self._is_open:
-            return
-        self._is_open = False
-        os.write(self._stop, b"\0")
-        self._thread.join()  # it has closed its end of the pipe
-        for descriptor in (self._source, self._stopped, self._stop):
-            os.close(descriptor)
-        self._port.close()
-
-
-def _make_pipe(made: contextlib.ExitStack) -> tuple[int, int]:
-    """Return both ends of a pipe that holds much and never blocks; they are closed with `made`."""
-    ends = os.pipe()
-    for end in ends:
-        made.callback(os.close, end)
-        os.set_blocking(end, False)
-    with contextlib.suppress(OSError):  # a system may permit less
-        fcntl.fcntl(ends[1], fcntl.F_SETPIPE_SZ, PIPE_SIZE)
-    return ends
 
 
 def _describe_error(error: BaseException) -> str:
