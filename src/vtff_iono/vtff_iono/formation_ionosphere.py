@@ -19,7 +19,6 @@ from vtff_dynamics.vectors import FloatArray
 from vtff_gnss.constants import FLAG_CODE_VALID, FLAG_PHASE_VALID, SYSTEM_GPS
 from vtff_gnss.ephemeris import BroadcastEphemeris
 from vtff_gnss.observations import OBSERVATION_COLUMNS
-from vtff_gnss.orbits import line_of_sight
 from vtff_iono.bias import (
     arc_noise,
     expected_contents,
@@ -35,7 +34,7 @@ from vtff_iono.edges import crossing_fit, ray_quantities, wall_fit, wall_search
 from vtff_iono.edges.boundary import Boundary
 from vtff_iono.edges.ray_edges import RayEdgeFinder, RayEdgeSettings
 from vtff_iono.edges.vertical_edges import VerticalEdgeFinder
-from vtff_iono.geometry import satellite_geometry, wind_up
+from vtff_iono.geometry import wind_up
 from vtff_iono.links import key_numbers
 from vtff_iono.scintillation import high_pass
 from vtff_iono.spacecraft import formation_second
@@ -240,8 +239,6 @@ def compile_kernels() -> None:
     A node that did so with its first second, its first wall or its first receiver bias would be
     late by that.
     """
-    line_of_sight.compile_kernels()
-    satellite_geometry.compile_kernels()
     wind_up.compile_kernels()
     pair_equations.compile_kernels()
     profile_solver.compile_kernels()

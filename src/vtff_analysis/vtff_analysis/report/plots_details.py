@@ -388,7 +388,6 @@ def _compute_sky(history: ReceiverHistory) -> _SkyPoints | None:
         system,
         prn,
         history.fix_position_itrf[usable][nearest],
-        compiled=False,  # nothing else in a report needs numba
     )
     computed = np.isfinite(geometry.elevation)
     if not computed.any():

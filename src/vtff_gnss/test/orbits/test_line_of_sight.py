@@ -143,6 +143,11 @@ def test_receivers_and_times_broadcast(table):
         assert np.array_equal(one.range_rate, sight.range_rate[i, 7])
 
 
+def test_a_table_without_satellites_has_no_lines_of_sight():
+    sight = lines_of_sight(EphemerisTable(()), START, np.zeros(2), np.ones((2, 3)), (0, 0, 0))
+    assert sight.range.shape == (2, 0) and sight.direction_itrf.shape == (2, 0, 3)
+
+
 def test_angles_of_known_directions():
     north, east, up = np.array([0.0, 0, 1]), np.array([0.0, 1, 0]), np.array([1.0, 0, 0])
     directions = np.stack((up, north, east, -north, -east, -up, (north + up) / np.sqrt(2)))

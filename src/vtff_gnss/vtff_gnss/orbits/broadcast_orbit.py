@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -21,17 +20,15 @@ from vtff_gnss.ephemeris import BroadcastEphemeris
 from vtff_gnss.signals import satellite_name
 
 __all__ = [
-    "KEPLER_ITERATIONS",
-    "KEPLER_TOLERANCE",
     "EphemerisTable",
     "SatelliteStates",
     "ephemeris_with_reference",
 ]
 
-KEPLER_ITERATIONS = 10
-"""Most iterations of Kepler's equation."""
-KEPLER_TOLERANCE = 1e-8
-"""rad; Newton's correction is quadratic: after one below this, the next is below rounding."""
+# Most iterations of Kepler's equation.
+_KEPLER_ITERATIONS = 10
+# rad; Newton's correction is quadratic: after one below this, the next is below rounding.
+_KEPLER_TOLERANCE = 1e-8
 
 _COLUMNS = (
     "af0",
@@ -52,13 +49,6 @@ _COLUMNS = (
     "crs",
     "cic",
     "cis",
-)
-
-# Columns of `EphemerisTable.elements`, in its order.
-_COMPILED_COLUMNS = tuple(
-    name
-    for name in _COLUMNS
-    if name not in ("longitude_of_ascending_node", "right_ascension_rate", "mean_motion_difference")
 )
 
 
@@ -158,24 +148,6 @@ class EphemerisTable:
         self._node_rate = self._columns["right_ascension_rate"] - EARTH_ROTATION_RATE_BROADCAST
         # The rows that were selected last, and their table.
         self._selection: tuple[bytes, EphemerisTable] | None = None
-
-    @functools.cached_property
-    def elements(self) -> FloatArray:
-        """Elements of each satellite for `vtff_gnss.orbits.compiled_sight`, shape (n, 20)."""
-        derived = (
-            self._mean_motion,
-            self._relativistic_amplitude,
-            self._minor_axis_ratio,
-            self._node_at_toe,
-            self._node_rate,
-        )
-        columns = [self._columns[name] for name in _COMPILED_COLUMNS]
-        return np.ascontiguousarray(np.array([*columns, *derived]).T.reshape(-1, 20))
-
-    @property
-    def reference_times(self) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
-        """Reference times of orbit and clock, ns since 1980-01-06, shapes (n,)."""
-        return self._toe, self._toc
 
     def __len__(self) -> int:
         """Return the number of satellites."""
@@ -334,11 +306,11 @@ def _eccentric_anomaly(
 ) -> tuple[FloatArray, FloatArray]:
     """Return sine and cosine of the solution E of Kepler's equation M = E - e sin E."""
     anomaly = mean_anomaly + eccentricity * np.sin(mean_anomaly)
-    for _ in range(KEPLER_ITERATIONS):
+    for _ in range(_KEPLER_ITERATIONS):
         sine, cosine = np.sin(anomaly), np.cos(anomaly)
         correction = (mean_anomaly - anomaly + eccentricity * sine) / (1.0 - eccentricity * cosine)
         anomaly = anomaly + correction
-        if correction.size == 0 or float(np.max(np.abs(correction))) < KEPLER_TOLERANCE:
+        if correction.size == 0 or float(np.max(np.abs(correction))) < _KEPLER_TOLERANCE:
             break
     # The last correction is so small that its first order is exact.
     return sine + cosine * correction, cosine - sine * correction

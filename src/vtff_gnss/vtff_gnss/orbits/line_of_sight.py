@@ -17,25 +17,15 @@ from vtff_dynamics.frames.geodetic import geodetic_from_itrf
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_dynamics.vectors import FloatArray
 from vtff_gnss.constants import EARTH_ROTATION_RATE_BROADCAST
-from vtff_gnss.orbits.broadcast_orbit import (
-    KEPLER_ITERATIONS,
-    KEPLER_TOLERANCE,
-    EphemerisTable,
-    SatelliteStates,
-)
-from vtff_gnss.orbits.compiled_sight import rays_to_motion, sights_of_receivers
-from vtff_gnss.orbits.interpolated_orbit import InterpolatedOrbits
+from vtff_gnss.orbits.broadcast_orbit import SatelliteStates
 from vtff_gnss.orbits.satellite_table import SatelliteTable
 
 __all__ = [
     "LineOfSight",
-    "SatelliteRays",
-    "compile_kernels",
     "earth_obstructs",
     "elevation_azimuth",
     "ellipsoid_normal",
     "lines_of_sight",
-    "rays_of_epochs",
 ]
 
 # Satellite states are evaluated once, this long before reception, and carried to the time of
@@ -48,7 +38,7 @@ _COSINE_IN_FLIGHT, _SINE_IN_FLIGHT = math.cos(_ANGLE_IN_FLIGHT), math.sin(_ANGLE
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class SatelliteRays:
+class LineOfSight:
     """Geometry of the signals received by receivers, leading axes (..., n satellites).
 
     Parameters
@@ -63,6 +53,8 @@ class SatelliteRays:
         Unit vectors from receiver to satellite, in the Earth-fixed axes of reception.
     elevation : ndarray, shape (..., n)
         rad; above the plane normal to the zenith direction.
+    azimuth : ndarray, shape (..., n)
+        rad; clockwise from north in [0, 2 pi).
     position_satellite_itrf, velocity_satellite_itrf : ndarray, shape (..., n, 3)
         At transmission, m and m/s, in the Earth-fixed axes of reception. The velocity is that
         seen from the Earth at transmission.
@@ -75,40 +67,26 @@ class SatelliteRays:
     range_rate: FloatArray
     direction_itrf: FloatArray
     elevation: FloatArray
+    azimuth: FloatArray
     position_satellite_itrf: FloatArray
     velocity_satellite_itrf: FloatArray
     clock_offset_satellite: FloatArray
     clock_drift_satellite: FloatArray
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class LineOfSight(SatelliteRays):
-    """Geometry of received signals with the azimuth that they come from.
-
-    Parameters
-    ----------
-    azimuth : ndarray, shape (..., n)
-        rad; clockwise from north in [0, 2 pi).
-    """
-
-    azimuth: FloatArray
-
-
 def lines_of_sight(
-    table: SatelliteTable | InterpolatedOrbits,
+    table: SatelliteTable,
     time: GpsTime,
     offset: npt.ArrayLike,
     position_receiver_itrf: npt.ArrayLike,
     velocity_receiver_itrf: npt.ArrayLike,
     zenith_itrf: npt.ArrayLike | None = None,
-    *,
-    compiled: bool = True,
 ) -> LineOfSight:
     """Solve the light-time equation of all satellites, receivers and times.
 
     Parameters
     ----------
-    table : SatelliteTable or InterpolatedOrbits
+    table : SatelliteTable
         n satellites.
     time : GpsTime
         Reference of `offset`.
@@ -120,9 +98,6 @@ def lines_of_sight(
     zenith_itrf : array_like, shape (..., 3), optional
         Unit vectors that elevation is counted from, for example the boresight of the antenna;
         the ellipsoid normal if absent.
-    compiled : bool
-        Whether compiled code may do it: eight times as fast, equal to 1e-8 m. Where nothing else is
-        compiled, to load numba takes longer than the array form of some thousand epochs.
 
     Notes
     -----
@@ -135,16 +110,7 @@ def lines_of_sight(
     IS-GPS-200, 20.3.3.4.3.4 (geometric range).
     """
     receiver_itrf = np.asarray(position_receiver_itrf, dtype=float)
-    epochs = np.asarray(offset, dtype=float)
-    if (
-        compiled
-        and isinstance(table, EphemerisTable)
-        and zenith_itrf is None
-        and epochs.ndim == 1
-        and receiver_itrf.shape == (len(epochs), 3)
-    ):
-        return _compiled_lines_of_sight(table, time, epochs, receiver_itrf, velocity_receiver_itrf)
-    reception = epochs[..., np.newaxis]
+    reception = np.asarray(offset, dtype=float)[..., np.newaxis]
     zenith = (
         ellipsoid_normal(receiver_itrf)
         if zenith_itrf is None
@@ -193,84 +159,6 @@ def lines_of_sight(
         clock_offset_satellite=states.clock_offset - delay * states.clock_drift,
         clock_drift_satellite=np.broadcast_to(states.clock_drift, delay.shape),
     )
-
-
-def rays_of_epochs(
-    orbits: InterpolatedOrbits,
-    time: GpsTime,
-    offset: FloatArray,
-    position_receiver_itrf: FloatArray,
-    velocity_receiver_itrf: FloatArray,
-) -> SatelliteRays:
-    """Return what `lines_of_sight` does, without azimuth, of one receiver at k epochs.
-
-    It is the same to the last bit (where numpy has the functions of the C library), compiled.
-
-    Parameters
-    ----------
-    orbits : InterpolatedOrbits
-        n satellites.
-    time : GpsTime
-        Reference of `offset`.
-    offset : ndarray, shape (k,)
-        GPS times of reception less `time`, s.
-    position_receiver_itrf, velocity_receiver_itrf : ndarray, shape (k, 3)
-        Antenna at reception, m and m/s.
-    """
-    found = rays_to_motion(
-        orbits.motion(time, offset - _TYPICAL_TRAVEL_TIME),
-        np.ascontiguousarray(position_receiver_itrf),
-        np.ascontiguousarray(velocity_receiver_itrf),
-        np.ascontiguousarray(geodetic_from_itrf(position_receiver_itrf)),
-        _TYPICAL_TRAVEL_TIME,
-    )
-    return SatelliteRays(**_ray_columns(found))
-
-
-def compile_kernels() -> None:
-    """Compile lines of sight to broadcast orbits, which takes seconds without a cache."""
-    none = EphemerisTable(())
-    lines_of_sight(none, GpsTime(0), np.zeros(1), np.ones((1, 3)), np.zeros((1, 3)))
-
-
-def _compiled_lines_of_sight(
-    table: EphemerisTable,
-    time: GpsTime,
-    offset: FloatArray,
-    position_itrf: FloatArray,
-    velocity_itrf: npt.ArrayLike,
-) -> LineOfSight:
-    """Return the lines of sight of receivers (m, 3), each at its own time, s after `time`."""
-    velocity = np.asarray(velocity_itrf, dtype=float)
-    if velocity.shape != position_itrf.shape:
-        velocity = np.broadcast_to(velocity, position_itrf.shape)
-    found = sights_of_receivers(
-        table.elements,
-        *table.reference_times,
-        time.nanoseconds,
-        np.ascontiguousarray(offset),
-        np.ascontiguousarray(position_itrf),
-        np.ascontiguousarray(velocity),
-        _TYPICAL_TRAVEL_TIME,
-        KEPLER_ITERATIONS,
-        KEPLER_TOLERANCE,
-    )
-    return LineOfSight(**_ray_columns(found), azimuth=found[15])
-
-
-def _ray_columns(found: FloatArray) -> dict[str, FloatArray]:
-    """Return the fields of `SatelliteRays` in the rows of compiled rays."""
-    return {
-        "travel_time": found[0],
-        "range": found[1],
-        "range_rate": found[2],
-        "direction_itrf": _vectors(found[3:6]),
-        "elevation": found[6],
-        "position_satellite_itrf": _vectors(found[7:10]),
-        "velocity_satellite_itrf": _vectors(found[10:13]),
-        "clock_offset_satellite": found[13],
-        "clock_drift_satellite": found[14],
-    }
 
 
 def ellipsoid_normal(position_itrf: npt.ArrayLike) -> FloatArray:

@@ -63,16 +63,6 @@ def test_directions_are_lines_of_sight(stores, epochs, step):
     assert_lines_of_sight(store, arguments, satellite_geometry(store, *arguments))
 
 
-def test_arrays_tell_the_same_as_compiled_code(stores, monkeypatch):
-    arguments = observed(60, 30.0)
-    store = stores[c.SYSTEM_GPS]
-    expected = satellite_geometry(store, *arguments)
-    monkeypatch.delattr("vtff_gnss.orbits.line_of_sight._compiled_lines_of_sight")
-    geometry = satellite_geometry(store, *arguments, compiled=False)
-    for name in ("elevation", "azimuth", "direction_itrf"):
-        assert getattr(geometry, name) == pytest.approx(getattr(expected, name), abs=1e-12)
-
-
 def test_epochs_may_be_cut_anywhere(stores):
     store, arguments = stores[c.SYSTEM_GPS], observed(130, 15.0)
     whole = satellite_geometry(store, *arguments)

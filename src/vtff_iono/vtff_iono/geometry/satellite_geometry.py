@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from vtff_dynamics.compiled import compiled as in_machine_code
 from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_dynamics.vectors import FloatArray
@@ -19,7 +18,6 @@ from vtff_gnss.signals import satellite_number
 __all__ = [
     "ELEVATION_MASK_DEG",
     "SatelliteGeometry",
-    "compile_kernels",
     "geometry_from_stores",
     "satellite_geometry",
 ]
@@ -78,8 +76,6 @@ def satellite_geometry(
     system: npt.NDArray[np.uint8],
     prn: npt.NDArray[np.uint8],
     position_receiver_itrf: npt.ArrayLike,
-    *,
-    compiled: bool = True,
 ) -> SatelliteGeometry:
     """Return the directions of satellites from a receiver at rest or in motion.
 
@@ -93,15 +89,13 @@ def satellite_geometry(
         Satellite of every observation.
     position_receiver_itrf : array_like, shape (3,) or (n, 3)
         Positions of the receiver, m; the result is NaN where the position is.
-    compiled : bool
-        As in `lines_of_sight`.
     """
     rows = len(system)
     time = np.broadcast_to(np.asarray(time, dtype=np.int64), (rows,))
     position = np.broadcast_to(np.asarray(position_receiver_itrf, dtype=float), (rows, 3))
     result = SatelliteGeometry.unknown(rows)
     satellite = satellite_number(system, prn)
-    _fill_satellites(result, np.arange(rows), store, time, satellite, position, compiled)
+    _fill_satellites(result, np.arange(rows), store, time, satellite, position)
     return result
 
 
@@ -151,7 +145,7 @@ def geometry_from_stores(
     for number, store in stores.items():
         rows = np.flatnonzero(system == number)
         if len(store):
-            _fill_satellites(result, rows, store, time[rows], satellite[rows], position, True)
+            _fill_satellites(result, rows, store, time[rows], satellite[rows], position)
     return result
 
 
@@ -162,7 +156,6 @@ def _fill_satellites(
     time: npt.NDArray[np.int64],
     satellite: npt.NDArray[np.int64],
     position: FloatArray,
-    compiled: bool,
 ) -> None:
     """Fill in some rows, whose satellites have their orbits in one store.
 
@@ -185,7 +178,6 @@ def _fill_satellites(
             position_of_epoch[epochs],
             np.repeat(np.arange(last - first), ends[epochs] - starts[epochs]),
             satellite[rows_of_epochs],
-            compiled,
         )
 
 
@@ -197,7 +189,6 @@ def _fill_rows(
     position: FloatArray,
     epoch_of_row: npt.NDArray[np.int64],
     satellite: npt.NDArray[np.int64],
-    compiled: bool,
 ) -> None:
     """Fill in the rows of epochs that use the same ephemerides.
 
@@ -221,7 +212,6 @@ def _fill_rows(
         1e-9 * (time - reference),
         np.where(has_position[:, np.newaxis], position, _PLACEHOLDER_POSITION),
         np.zeros(3),
-        compiled=compiled,
     )
     number_of_column = satellite_number(table.system, table.prn)
     column_of_satellite = np.full(int(max(number_of_column.max(), satellite.max())) + 1, -1)
@@ -237,27 +227,6 @@ def _fill_rows(
         taken.append((sight.direction_itrf[..., axis], result.direction_itrf[:, axis]))
         velocity = sight.velocity_satellite_itrf[..., axis]
         taken.append((velocity, result.velocity_satellite_itrf[:, axis]))
+    chosen = np.flatnonzero(has_sight)
     for values, of_rows in taken:
-        if compiled:
-            _take_values(values, epoch_of_row, column, has_sight, rows, of_rows)
-        else:
-            chosen = np.flatnonzero(has_sight)
-            of_rows[rows[chosen]] = values[epoch_of_row[chosen], column[chosen]]
-
-
-@in_machine_code
-def _take_values(values, epoch, column, is_taken, rows, result):  # type: ignore[no-untyped-def]
-    """Set some rows of a result, in place, to the values (k, n) of their epochs and columns.
-
-    `epoch`, `column`, `is_taken` and `rows`, each of shape (m,), tell which value is that of which
-    row of the result, and whether there is one.
-    """
-    for number in range(len(rows)):
-        if is_taken[number]:
-            result[rows[number]] = values[epoch[number], column[number]]
-
-
-def compile_kernels() -> None:
-    """Compile what puts the lines of sight into rows."""
-    place = np.zeros(1, dtype=np.int64)
-    _take_values(np.zeros((1, 1)), place, place, np.ones(1, dtype=bool), place, np.zeros(1))
+        of_rows[rows[chosen]] = values[epoch_of_row[chosen], column[chosen]]

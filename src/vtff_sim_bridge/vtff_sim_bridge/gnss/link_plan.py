@@ -21,7 +21,7 @@ from vtff_gnss.constants import (
     SYSTEM_GPS,
 )
 from vtff_gnss.ephemeris import BroadcastEphemeris
-from vtff_gnss.orbits.line_of_sight import SatelliteRays
+from vtff_gnss.orbits.line_of_sight import LineOfSight
 from vtff_gnss.signals import satellite_name
 from vtff_sim_bridge.gnss.configuration import ReceiverConfiguration
 from vtff_sim_bridge.gnss.signal_table import SIGNALS, Signal, clock_group_delay
@@ -179,7 +179,7 @@ class LinkPlan:
 
     def levels_and_delays(
         self,
-        line_of_sight: SatelliteRays,
+        line_of_sight: LineOfSight,
         slant_tec_tecu: FloatArray,
         receiver: ReceiverConfiguration,
         boresight_itrf: FloatArray | None = None,
@@ -188,7 +188,7 @@ class LinkPlan:
 
         Parameters
         ----------
-        line_of_sight : SatelliteRays
+        line_of_sight : LineOfSight
             Shape (k, n).
         slant_tec_tecu : ndarray, shape (k, n)
             TECU.
@@ -222,7 +222,7 @@ class LinkPlan:
 
     def antenna_delay(
         self,
-        line_of_sight: SatelliteRays,
+        line_of_sight: LineOfSight,
         body_axes_itrf: FloatArray,
         phase_centre: PhaseCentre,
     ) -> FloatArray:
@@ -230,7 +230,7 @@ class LinkPlan:
 
         Parameters
         ----------
-        line_of_sight : SatelliteRays
+        line_of_sight : LineOfSight
             Shape (k, n).
         body_axes_itrf : ndarray, shape (k, 3, 3)
             Rows are the x, y and z axes of the body.
@@ -246,12 +246,12 @@ class LinkPlan:
             delay[:, links] = centre.delay(directions[:, self.satellite[links]])
         return delay
 
-    def range_error(self, line_of_sight: SatelliteRays, orbit_errors: FloatArray) -> FloatArray:
+    def range_error(self, line_of_sight: LineOfSight, orbit_errors: FloatArray) -> FloatArray:
         """Return the true range less that to the broadcast orbit and clock, m, shape (k, n).
 
         Parameters
         ----------
-        line_of_sight : SatelliteRays
+        line_of_sight : LineOfSight
             To the broadcast orbits, shape (k, n).
         orbit_errors : ndarray, shape (k, n, 4)
             See `Constellation.orbit_errors`.

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_dynamics.vectors import FloatArray
-from vtff_gnss.orbits.line_of_sight import SatelliteRays
+from vtff_gnss.orbits.line_of_sight import LineOfSight
 from vtff_sim_bridge.atmosphere.electron_density import ElectronDensityProfile
 from vtff_sim_bridge.atmosphere.horizontal_structure import (
     HorizontalGradient,
@@ -85,7 +85,7 @@ class Ionosphere:
         self._period = 2.0 * math.pi / rate if rate > 0.0 else math.inf
 
     def slant_tec_tecu(
-        self, line_of_sight: SatelliteRays, position_itrf: FloatArray, elapsed: FloatArray
+        self, line_of_sight: LineOfSight, position_itrf: FloatArray, elapsed: FloatArray
     ) -> FloatArray:
         """Return the slant TEC of all rays, TECU, shape (k, n), at times into the run (k,)."""
         tecu = np.zeros(line_of_sight.range.shape)
@@ -103,7 +103,7 @@ class Ionosphere:
 
     def crossings(
         self,
-        line_of_sight: SatelliteRays,
+        line_of_sight: LineOfSight,
         position_itrf: FloatArray,
         time: GpsTime,
         elapsed: FloatArray,
@@ -114,7 +114,7 @@ class Ionosphere:
 
         Parameters
         ----------
-        line_of_sight : SatelliteRays
+        line_of_sight : LineOfSight
             Shape (k, n).
         position_itrf : ndarray, shape (k, 3)
         time : GpsTime

@@ -25,8 +25,7 @@ from vtff_gnss.ionosphere_parameters import KlobucharParameters
 from vtff_gnss.novatel.encode.lnav import quantize_lnav
 from vtff_gnss.orbits.broadcast_orbit import EphemerisTable
 from vtff_gnss.orbits.ephemeris_selection import EphemerisStore
-from vtff_gnss.orbits.interpolated_orbit import InterpolatedOrbits
-from vtff_gnss.orbits.line_of_sight import SatelliteRays, lines_of_sight, rays_of_epochs
+from vtff_gnss.orbits.line_of_sight import lines_of_sight
 from vtff_gnss.orbits.nominal_constellation import (
     nominal_galileo_constellation,
     nominal_gps_constellation,
@@ -230,13 +229,10 @@ class Sky:
         All satellites.
     table : EphemerisTable
         The candidates.
-    orbits : InterpolatedOrbits
-        Orbits of the candidates.
     """
 
     full_table: EphemerisTable
     table: EphemerisTable
-    orbits: InterpolatedOrbits
 
     @classmethod
     def refresh(
@@ -271,18 +267,7 @@ class Sky:
         chosen = tuple(full.ephemerides[row] for row in rows.tolist())
         if sky is not None and is_same_table and chosen == sky.table.ephemerides:
             return sky
-        table = EphemerisTable(chosen)
-        return cls(full, table, InterpolatedOrbits(table))
-
-    def rays(
-        self,
-        time: GpsTime,
-        offset: FloatArray,
-        position_itrf: FloatArray,
-        velocity_itrf: FloatArray,
-    ) -> SatelliteRays:
-        """Return the rays at k times of reception ``time + offset``, shapes (k, n)."""
-        return rays_of_epochs(self.orbits, time, offset, position_itrf, velocity_itrf)
+        return cls(full, EphemerisTable(chosen))
 
 
 def fnav_ephemeris(ephemeris: BroadcastEphemeris) -> BroadcastEphemeris:

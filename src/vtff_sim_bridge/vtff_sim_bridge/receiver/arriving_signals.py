@@ -6,7 +6,7 @@ from dataclasses import dataclass, fields
 from typing import Any
 
 from vtff_dynamics.vectors import FloatArray
-from vtff_gnss.orbits.line_of_sight import SatelliteRays
+from vtff_gnss.orbits.line_of_sight import LineOfSight
 from vtff_sim_bridge.gnss.link_plan import LinkPlan
 
 __all__ = ["ArrivingSignals"]
@@ -22,7 +22,7 @@ class ArrivingSignals:
     ----------
     plan : LinkPlan
         The links and their constants.
-    line_of_sight : SatelliteRays
+    line_of_sight : LineOfSight
         Geometry, (k, n).
     position_itrf, velocity_itrf : ndarray, shape (k, 3)
         Receiver at the time of reception, m, m/s.
@@ -48,7 +48,7 @@ class ArrivingSignals:
     """
 
     plan: LinkPlan
-    line_of_sight: SatelliteRays
+    line_of_sight: LineOfSight
     position_itrf: FloatArray
     velocity_itrf: FloatArray
     clock_offset: FloatArray
@@ -81,4 +81,4 @@ class ArrivingSignals:
         for name in _OPTIONAL:
             column = getattr(self, name)
             columns[name] = None if column is None else column[epochs]
-        return ArrivingSignals(self.plan, SatelliteRays(**geometry), **columns)
+        return ArrivingSignals(self.plan, LineOfSight(**geometry), **columns)

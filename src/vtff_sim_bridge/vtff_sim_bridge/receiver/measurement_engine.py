@@ -19,7 +19,7 @@ from vtff_gnss.fix import Fix, ReceiverTime
 from vtff_gnss.novatel.encode.frame import TIME_STATUS_FINE_STEERING
 from vtff_gnss.novatel.encode.solution import IonosphereUtc
 from vtff_gnss.novatel.header import TIME_STATUS_UNKNOWN
-from vtff_gnss.orbits.line_of_sight import SatelliteRays, earth_obstructs
+from vtff_gnss.orbits.line_of_sight import LineOfSight, earth_obstructs, lines_of_sight
 from vtff_sim_bridge.gnss.configuration import ReceiverConfiguration
 from vtff_sim_bridge.gnss.faults import Fault
 from vtff_sim_bridge.gnss.link_plan import (
@@ -195,7 +195,7 @@ class MeasurementEngine:
         offset, drift = self._clock.second(second)
         position, velocity = track.before(offset)
         sky, plan = self._refresh_sky(second, position[emitted][0])
-        line_of_sight = sky.rays(time, _TAGS - offset, position, velocity)
+        line_of_sight = lines_of_sight(sky.table, time, _TAGS - offset, position, velocity)
         elapsed = second + _TAGS
         stec_tecu = self._ionosphere.slant_tec_tecu(line_of_sight, position, elapsed)
         crossings = self._ionosphere.crossings(
@@ -245,9 +245,7 @@ class MeasurementEngine:
             antenna_delay=antenna_delay,
         )
 
-    def _jerk(
-        self, line_of_sight: SatelliteRays, track: VehicleTrack, emitted: slice
-    ) -> FloatArray:
+    def _jerk(self, line_of_sight: LineOfSight, track: VehicleTrack, emitted: slice) -> FloatArray:
         """Return the third derivative of ranges by the receiver's motion, m/s3, shape (20, n).
 
         Only where loops slip by it. The acceleration of a command holds from its epoch on: where a

@@ -9,19 +9,19 @@ import numpy as np
 
 from vtff_dynamics.vectors import FloatArray
 from vtff_gnss import wind_up
-from vtff_gnss.orbits.line_of_sight import SatelliteRays
+from vtff_gnss.orbits.line_of_sight import LineOfSight
 
 __all__ = ["WindUp", "wind_up_cycles"]
 
 
-def wind_up_cycles(line_of_sight: SatelliteRays, body_axes_itrf: FloatArray) -> FloatArray:
+def wind_up_cycles(line_of_sight: LineOfSight, body_axes_itrf: FloatArray) -> FloatArray:
     """Return the wind-up between satellites and a receiver, cycles in [-0.5, 0.5], shape (k, n).
 
     It is that of `vtff_gnss.wind_up`.
 
     Parameters
     ----------
-    line_of_sight : SatelliteRays
+    line_of_sight : LineOfSight
         Shape (k, n).
     body_axes_itrf : ndarray, shape (k, 3, 3)
         Rows are the x, y and z axes of the body; the boresight of the antenna is -z.
@@ -45,7 +45,7 @@ class WindUp:
 
     def second(
         self,
-        line_of_sight: SatelliteRays,
+        line_of_sight: LineOfSight,
         body_axes_itrf: FloatArray,
         satellites: Sequence[tuple[int, int]],
         emitted: slice,
