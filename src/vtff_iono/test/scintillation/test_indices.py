@@ -139,6 +139,12 @@ def test_phase_filter_removes_a_polynomial_of_fifth_degree():
     assert np.abs(phase_deviation(1e6 * abscissa**6, RATE, 0.1)).max() > 1.0
 
 
+def test_too_few_phases_are_refused():
+    assert phase_deviation(np.zeros(13), RATE, 1.0).tolist() == [0.0] * 13
+    with pytest.raises(ValueError, match="12"):
+        phase_deviation(np.zeros(12), RATE, 1.0)
+
+
 @pytest.mark.parametrize(("altitude", "cutoff"), [(0.0, 0.1), (149e3, 0.1), (151e3, 1.0)])
 def test_cut_off_follows_the_motion_of_the_receiver(altitude, cutoff):
     assert default_phase_cutoff_hz(altitude) == cutoff

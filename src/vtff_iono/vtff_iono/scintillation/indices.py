@@ -21,6 +21,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+from scipy import signal
 
 from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
 from vtff_dynamics.vectors import FloatArray
@@ -29,7 +30,6 @@ from vtff_gnss.signals import carrier_wavelength, signal_number
 from vtff_iono.geometry.mapping import LOWEST_ORBIT
 from vtff_iono.links.key_numbers import number_keys, rows_by_number
 from vtff_iono.links.windows import Columns, WindowBuffer
-from vtff_iono.scintillation.high_pass import HIGH_PASS_ORDER, filter_high_pass
 
 __all__ = [
     "GROUND_PHASE_CUTOFF_HZ",
@@ -64,6 +64,8 @@ _COLUMNS = (
     "flags",
 )
 _POLYNOMIAL_DEGREE = 5
+# Both passes of the high-pass filter make the sixth order that ground receivers have.
+_ORDER_OF_A_PASS = 3
 # The median of fewer signals than this would contain too much of the scintillation itself.
 _FEWEST_FOR_MEDIAN = 4
 # Smallest ratio of sample rate and cut-off.
@@ -187,16 +189,24 @@ def phase_deviation(phase: npt.ArrayLike, sample_rate_hz: float, cutoff_hz: floa
 
     A polynomial of degree 5 removes the motion; the sixth-order high-pass filter runs forward and
     backward, so that it adds no delay.
+
+    Raises
+    ------
+    ValueError
+        If there are less than 13 samples, which the filter needs at its ends.
     """
     values = np.asarray(phase, dtype=float)
     # The cut-off is 3 dB after both passes: each is 1.5 dB down there.
-    ratio = (np.sqrt(2.0) - 1.0) ** (1.0 / (2.0 * HIGH_PASS_ORDER))
+    ratio = (np.sqrt(2.0) - 1.0) ** (1.0 / (2.0 * _ORDER_OF_A_PASS))
     abscissa = np.linspace(-1.0, 1.0, values.shape[-1])
     basis, _ = np.linalg.qr(np.polynomial.legendre.legvander(abscissa, _POLYNOMIAL_DEGREE))
     # The first sample is subtracted first: a phase of 1e8 cycles would cost digits.
     values = values - values[..., :1]
     values = values - (values @ basis) @ basis.T
-    return filter_high_pass(values, sample_rate_hz, cutoff_hz * ratio)
+    sections = signal.butter(
+        _ORDER_OF_A_PASS, cutoff_hz * ratio, "highpass", fs=sample_rate_hz, output="sos"
+    )
+    return np.asarray(signal.sosfiltfilt(sections, values, axis=-1))
 
 
 class ScintillationMonitor:
