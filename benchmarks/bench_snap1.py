@@ -13,6 +13,7 @@ from collections.abc import Callable
 import numpy as np
 import numpy.typing as npt
 from bench_attitude import FIELD_SIGMA, BelievedFieldError, fly_cases
+from scipy.special import chdtri
 
 from vtff_analysis.attitude.loop import AttitudeHistory, AttitudeLoop, LoopConfiguration
 from vtff_analysis.attitude.snap1 import (
@@ -42,7 +43,7 @@ from vtff_dynamics.vectors import FloatArray, norm
 from vtff_nav.attitude.configuration import AttitudeFilterConfiguration
 
 _WHEEL_RPM = -2700.0
-_OUTSIDE = 16.27
+_OUTSIDE = float(chdtri(3.0, 1e-3))
 """Chi squared of three numbers that an honest error exceeds once in a thousand."""
 _OF_REFERENCE_ATTITUDE = (
     parse_epoch("2016-03-21T01:00:00 GPS"),

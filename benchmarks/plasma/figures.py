@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.stats import binomtest
 
 from vtff_dynamics.constants import SPEED_OF_LIGHT
 from vtff_dynamics.vectors import FloatArray
@@ -391,12 +392,8 @@ def edge_figures(flown: Sequence[tuple[PlasmaWorld, ChainResult]]) -> EdgeFigure
 def _interval_of_part(count: int, total: int) -> tuple[float, float]:
     if not total:
         return math.nan, math.nan
-    sigmas = 1.645
-    square = sigmas**2 / total
-    part = count / total
-    middle = (part + 0.5 * square) / (1.0 + square)
-    half = sigmas * math.sqrt(part * (1.0 - part) / total + 0.25 * square / total) / (1.0 + square)
-    return middle - half, middle + half
+    interval = binomtest(count, total).proportion_ci(confidence_level=0.9, method="wilson")
+    return interval.low, interval.high
 
 
 def _interval_of_rms(values: FloatArray) -> tuple[float, float]:

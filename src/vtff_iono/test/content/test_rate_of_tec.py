@@ -5,7 +5,7 @@ import pytest
 from link_simulation import START, observations, pieces
 from scipy import stats
 
-from vtff_iono.content.rate_of_tec import RateOfTecMonitor, student_probability
+from vtff_iono.content.rate_of_tec import RateOfTecMonitor
 from vtff_iono.content.slant_tec import SlantTecProcessor
 from vtff_iono.links.arcs import ArcBreak
 
@@ -164,14 +164,3 @@ def test_a_block_without_rows_changes_nothing():
         found += monitor.update(processor.update(*part))
     (window,) = [*found, *monitor.flush()]
     assert window.rates.tolist() == [29]
-
-
-@pytest.mark.parametrize("freedom", [2, 3, 4, 5, 9, 10, 59, 1200])
-def test_student_probability_is_that_of_scipy(freedom):
-    deviation = np.linspace(0.0, 100.0, 500)
-    expected = 2.0 * stats.t.cdf(deviation / 2.5, freedom) - 1.0
-    assert np.allclose(student_probability(deviation, 2.5, freedom), expected, rtol=0.0, atol=1e-12)
-
-
-def test_without_spread_only_what_is_equal_is_probable():
-    assert student_probability(np.array([0.0, 1e-12]), 0.0, 7).tolist() == [0.0, 1.0]

@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from scipy.special import chdtri
 
 from vtff_dynamics.compiled import compiled
 from vtff_dynamics.frames.geodetic import geodetic_from_itrf
@@ -44,7 +45,7 @@ _GRADIENT_LIMITS = (1e-9, 1e-5)
 # Error of a vertical content that does not depend on the distance, TECU.
 _NOISE = 0.3
 # Median of the square of a standard normal number.
-_MEDIAN_CHI_SQUARE = 0.4549
+_MEDIAN_CHI_SQUARE = float(chdtri(1.0, 0.5))
 
 
 def satellite_pairs(time: FloatArray) -> tuple[IntArray, IntArray]:

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
+from scipy.special import ndtri
 
 from vtff_dynamics.vectors import FloatArray
 from vtff_gnss.constants import SYSTEM_LETTERS
@@ -45,7 +46,7 @@ BiasKey = tuple[int, str, str]
 """System and the two observation codes that share one receiver bias."""
 
 # Ratio of standard deviation and median absolute deviation of a normal distribution.
-_MEDIAN_TO_SIGMA = 1.4826
+_MEDIAN_TO_SIGMA = 1.0 / float(ndtri(0.75))
 
 
 @dataclass(frozen=True, eq=False)

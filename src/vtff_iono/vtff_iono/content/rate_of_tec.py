@@ -24,6 +24,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from scipy.special import stdtrit
 
 from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
 from vtff_dynamics.vectors import FloatArray
@@ -31,7 +32,7 @@ from vtff_iono.content.slant_tec import SlantTecRows
 from vtff_iono.links.arcs import ArcBreak
 from vtff_iono.links.windows import Columns, WindowBuffer
 
-__all__ = ["RateOfTecMonitor", "RateOfTecWindow", "student_probability"]
+__all__ = ["RateOfTecMonitor", "RateOfTecWindow"]
 
 # Rates are formed between samples at multiples of the interval; a sample may be off by this
 # fraction of the interval.
@@ -197,34 +198,5 @@ def _may_belong_to(values: FloatArray, sample: FloatArray) -> npt.NDArray[np.boo
     if count < _FEWEST_RATES:
         return np.zeros(len(values), dtype=np.bool_)
     spread = sample.std(ddof=1) * math.sqrt(1.0 + 1.0 / count)
-    within = student_probability(np.abs(values - sample.mean()), spread, count - 1)
-    return within <= _OUTLIER_PROBABILITY
-
-
-def student_probability(deviation: FloatArray, spread: float, freedom: int) -> FloatArray:
-    """Return the probability that Student's distribution gives to smaller deviations.
-
-    Written out, because the import of scipy.special would stop a node for 0.1 s.
-
-    Parameters
-    ----------
-    deviation : ndarray, shape (n,)
-        Not negative.
-    spread : float
-        Unit of the distribution; 0 makes any deviation certain to be too large.
-    freedom : int
-        Degrees of freedom, at least 2.
-
-    References
-    ----------
-    Abramowitz and Stegun (1964), Handbook of Mathematical Functions, 26.7.3 and 26.7.4.
-    """
-    angle = np.arctan2(deviation, spread * math.sqrt(freedom))
-    sine, cosine = np.sin(angle), np.cos(angle)
-    is_odd = freedom % 2
-    term = cosine if is_odd else np.ones(len(angle))
-    total = term.copy()
-    for order in range(2 + is_odd, freedom - 1, 2):
-        term = term * cosine**2 * ((order - 1) / order)
-        total += term
-    return np.asarray(2.0 / math.pi * (angle + sine * total) if is_odd else sine * total)
+    quantile = stdtrit(count - 1, 0.5 * (1.0 + _OUTLIER_PROBABILITY))
+    return np.asarray(np.abs(values - sample.mean()) <= quantile * spread)

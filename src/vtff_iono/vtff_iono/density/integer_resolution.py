@@ -36,6 +36,7 @@ from dataclasses import dataclass
 from typing import NamedTuple, TypeVar
 
 import numpy as np
+from scipy.special import chdtri
 
 from vtff_dynamics.constants import SPEED_OF_LIGHT
 from vtff_dynamics.vectors import FloatArray
@@ -61,8 +62,8 @@ _Numbers = TypeVar("_Numbers", float, FloatArray)
 # of all pairs together must be with every other pair.
 _LARGEST_SQUARE = 16.0
 _MARGIN = 25.0
-# Sigmas of a normal distribution that are exceeded on one side once in a thousand.
-_RARE = 3.09
+# Probability that the sum of squares of right errors is larger.
+_RARE = 1e-3
 # Wide lanes that are tried to either side, and sigmas of a prediction within which integers are.
 _WIDE_LANES_TRIED = 4
 _SIGMAS_TRIED = 4.0
@@ -334,10 +335,7 @@ class IntegerResolver:
         errors = np.array([mean.mean - wide_lanes[arc] for arc, mean in told.items()])
         weights = np.array([self._code_sigma(mean) for mean in told.values()]) ** -2.0
         squares = float(weights @ (errors - weights @ errors / weights.sum()) ** 2)
-        # The sum of squares that is exceeded by chance once in a thousand (Wilson and Hilferty
-        # 1931, The distribution of chi-square).
-        unit = 2.0 / (9.0 * freedom)
-        return squares <= freedom * (1.0 - unit + _RARE * math.sqrt(unit)) ** 3
+        return squares <= float(chdtri(freedom, _RARE))
 
     def _code_sigma(self, wide_lane: WeightedMean) -> float:
         """Return the sigma of the mean wide lane of a link by codes, cycles."""
