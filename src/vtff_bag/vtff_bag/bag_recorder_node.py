@@ -14,8 +14,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.subscription import Subscription
 
 from vtff_bag.file.errors import BagWriteError
-from vtff_bag.file.mcap_writer import COMPRESSIONS
-from vtff_bag.file.writer import DEFAULT_CHUNK_SIZE, BagWriter
+from vtff_bag.file.writer import COMPRESSIONS, DEFAULT_CHUNK_SIZE, BagWriter
 from vtff_bag.recorder.recorder import GATHER_LIMIT, SEARCH_INTERVAL, Recorder
 from vtff_bag.recorder.recording_rules import Acknowledger, GatherPace, TopicSelection
 from vtff_bag.run.description import describe_run_folder

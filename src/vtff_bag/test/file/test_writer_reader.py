@@ -3,6 +3,7 @@
 import os
 import resource
 import shutil
+import signal
 import struct
 import subprocess
 import sys
@@ -10,7 +11,6 @@ import textwrap
 
 import bag_samples
 import lz4.frame
-import mcap.writer
 import pytest
 import yaml
 from mcap.reader import make_reader
@@ -171,9 +171,7 @@ def test_open_bag_is_recognisable(tmp_path):
     writer.close()
 
 
-def test_flush_reaches_the_file_through_public_mcap_methods(tmp_path):
-    """Fails when a release of mcap no longer finishes the chunk on flush."""
-    assert callable(mcap.writer.Writer.flush)
+def test_flush_each_second_reaches_the_file(tmp_path):
     now = [0.0]
     writer = bag_samples.write_bag(
         tmp_path / "bag", [], close=False, chunk_size=1 << 20, steady_clock=lambda: now[0]
@@ -199,6 +197,35 @@ def test_flush_reaches_the_file_through_public_mcap_methods(tmp_path):
     writer.write(1, bag_samples.string_message("late"), bag_samples.START)
     assert messages_in_file() == 11
     writer.close()
+
+
+@pytest.mark.parametrize("compression", ["zstd", "lz4", "none"])
+def test_a_killed_writer_leaves_all_but_its_last_second(tmp_path, compression):
+    script = textwrap.dedent(
+        """
+        import os, signal, sys
+        import bag_samples
+        now = [0.0]
+        messages = bag_samples.sample_messages(3250)
+        writer = bag_samples.write_bag(
+            sys.argv[1], [], close=False, compression=sys.argv[2], steady_clock=lambda: now[0]
+        )
+        for index, (topic, serialized, log_time) in enumerate(messages):
+            now[0] = index / 100
+            writer.write(topic + 1, serialized, log_time)
+        os.kill(os.getpid(), signal.SIGKILL)
+        """
+    )
+    killed = subprocess.run(
+        [sys.executable, "-c", script, str(tmp_path / "bag"), compression],
+        cwd=bag_samples.__file__.rsplit("/", 1)[0],
+    )
+    assert killed.returncode == -signal.SIGKILL
+    reader = BagReader(tmp_path / "bag")
+    stored = [message.serialized for message in reader.raw_messages()]
+    assert 3250 - 100 <= len(stored) <= 3250 and not reader.complete
+    assert stored == [m[1] for m in bag_samples.sample_messages(len(stored))]
+    assert [content.damaged_bytes for content in reader.contents] == [0]
 
 
 def test_existing_bag_is_never_overwritten(bag):

@@ -28,7 +28,7 @@ from mcap.records import Channel, Chunk, Metadata, MetadataIndex, Schema, Statis
 
 from vtff_bag.file.errors import BagReadError
 
-MAGIC = b"\x89MCAP0\r\n"
+_MAGIC = b"\x89MCAP0\r\n"
 RECORD = struct.Struct("<BQ")  # opcode, length of what follows
 _MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time
 MESSAGE_HEAD_SIZE = _MESSAGE.size
@@ -41,7 +41,7 @@ _SUMMARY_RECORDS: dict[int, Any] = {
     int(Opcode.CHANNEL): Channel,
     int(Opcode.METADATA_INDEX): MetadataIndex,
 }
-FOOTER_LENGTH = 20  # bytes that follow
+_FOOTER_LENGTH = 20  # bytes that follow
 _LARGEST_CHUNK = 1 << 30  # B uncompressed; a record that states more has a damaged length
 BAG_METADATA_RECORD = "rosbag2"  # name of the record that repeats metadata.yaml inside the file
 _GROUP_SIZE = 128 * 1024  # B of messages outside chunks that make one block
@@ -333,20 +333,20 @@ def _read_bag_metadata(content: FileContent, stored: bytes) -> None:
 def _read_summary(file: BinaryIO) -> bytes | None:
     """Return the records of the summary; None without a footer whose checksum covers them."""
     size = file.seek(0, os.SEEK_END)
-    footer_start = size - len(MAGIC) - FOOTER_LENGTH - RECORD.size
-    if footer_start < len(MAGIC):
+    footer_start = size - len(_MAGIC) - _FOOTER_LENGTH - RECORD.size
+    if footer_start < len(_MAGIC):
         return None
     file.seek(footer_start)
     ending = file.read()
     opcode, length = RECORD.unpack_from(ending)
     checksum: int
     summary_start, _, checksum = struct.unpack_from("<QQI", ending, RECORD.size)
-    if (opcode, length) != (Opcode.FOOTER, FOOTER_LENGTH) or not ending.endswith(MAGIC):
+    if (opcode, length) != (Opcode.FOOTER, _FOOTER_LENGTH) or not ending.endswith(_MAGIC):
         return None
-    if not len(MAGIC) < summary_start <= footer_start:
+    if not len(_MAGIC) < summary_start <= footer_start:
         return None
     file.seek(summary_start)
-    covered = file.read(size - summary_start - len(MAGIC) - 4)
+    covered = file.read(size - summary_start - len(_MAGIC) - 4)
     if checksum != 0 and zlib.crc32(covered) != checksum:
         return None
     return covered[: footer_start - summary_start]
@@ -387,8 +387,8 @@ class _Scan:
 
     def run(self) -> FileContent:
         content = self._content
-        has_magic = self._file[: len(MAGIC)] == MAGIC
-        position = len(MAGIC) if has_magic else 0
+        has_magic = self._file[: len(_MAGIC)] == _MAGIC
+        position = len(_MAGIC) if has_magic else 0
         if not has_magic:
             content.notes.append("the first bytes are damaged")
         while position < self._size and not content.closed:
@@ -443,7 +443,7 @@ class _Scan:
         elif opcode == Opcode.METADATA:
             _read_bag_metadata(self._content, self._file[start:end])
         elif opcode == Opcode.FOOTER:
-            if self._file[end : end + len(MAGIC)] != MAGIC:
+            if self._file[end : end + len(_MAGIC)] != _MAGIC:
                 raise ValueError("the last bytes are damaged")
             self._content.closed = True
 

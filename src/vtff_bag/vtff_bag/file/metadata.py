@@ -89,6 +89,12 @@ class FileInformation:
     end_time: int = 0
     message_count: int = 0
 
+    def add_message(self, log_time: int) -> None:
+        """Count a message of that time, ns since 1970."""
+        self.start_time = min(self.start_time, log_time) if self.message_count else log_time
+        self.end_time = max(self.end_time, log_time)
+        self.message_count += 1
+
 
 @dataclasses.dataclass
 class BagMetadata:

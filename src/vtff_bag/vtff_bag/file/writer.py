@@ -16,10 +16,12 @@ import pathlib
 import time
 from collections.abc import Callable, Iterable, Mapping
 from types import TracebackType
+from typing import IO, cast
+
+from mcap.writer import CompressionType, Writer
 
 from vtff_bag.file import metadata as bag_metadata
 from vtff_bag.file.errors import BagWriteError
-from vtff_bag.file.mcap_writer import COMPRESSIONS, McapWriter
 from vtff_bag.file.message_definitions import message_definition
 from vtff_bag.file.metadata import (
     BagMetadata,
@@ -33,6 +35,11 @@ PROFILE = "ros2"
 LIBRARY = "vtff bag_recorder"
 MESSAGE_ENCODING = "cdr"
 SCHEMA_ENCODING = "ros2msg"
+COMPRESSIONS = {
+    "zstd": CompressionType.ZSTD,
+    "lz4": CompressionType.LZ4,
+    "none": CompressionType.NONE,
+}
 DEFAULT_CHUNK_SIZE = 128 * 1024
 FLUSH_INTERVAL = 1.0  # s of wall time
 RESERVE_SIZE = 8 * 1024 * 1024  # bytes; a minute of two receivers at 20 Hz, and the index
@@ -43,8 +50,8 @@ _NO_SPACE = (errno.ENOSPC, errno.EDQUOT)
 class _RecordFile:
     """An MCAP file without a buffer, which always ends after a whole record.
 
-    The MCAP writer hands over whole records in a few large blocks, so that a buffer would gain
-    nothing. After a failed write, the part of the record that reached the disk is cut off again.
+    The writer of the mcap package hands over whole records in a few large blocks, so that a buffer
+    would gain nothing. After a failed write, the part of the record that reached the disk is cut off again.
 
     Attributes
     ----------
@@ -93,6 +100,9 @@ class _RecordFile:
 
     def tell(self) -> int:
         return self._length
+
+    def flush(self) -> None:
+        """Do nothing: `write` has handed all to the operating system."""
 
     def close(self) -> None:
         self._release_reserve()
@@ -163,17 +173,18 @@ class BagWriter:
         self.directory = pathlib.Path(directory)
         self._make_directory()
         self.path = self.directory / f"{self.directory.absolute().name}_0.mcap"
+        self._information = FileInformation(self.path.name)
         self._topics: dict[int, TopicInformation] = {}
         self._schemas: dict[tuple[str, str], int] = {}
         self._custom_metadata = {str(k): str(v) for k, v in (custom_metadata or {}).items()}
         self._steady_clock = steady_clock
         self._next_flush = steady_clock() + FLUSH_INTERVAL
-        self._has_unflushed = False
         self._closed = False
         self._failed = False
         self._file = _RecordFile(self.path)
         try:
-            self._writer = McapWriter(self._file, chunk_size, compression)
+            stream = cast(IO[bytes], self._file)
+            self._writer = Writer(stream, chunk_size, COMPRESSIONS[compression])
             self._writer.start(profile=PROFILE, library=LIBRARY)
             self._write_metadata_file()
         except BagWriteError:
@@ -197,8 +208,7 @@ class BagWriter:
     @property
     def message_counts(self) -> dict[str, int]:
         """Number of messages written so far, by topic."""
-        counts = self._writer.count_messages()
-        return {topic.name: counts.get(number, 0) for number, topic in self._topics.items()}
+        return {topic.name: topic.message_count for topic in self._topics.values()}
 
     def topic_number(self, name: str) -> int | None:
         """Return the number of a topic; None if the topic was not added."""
@@ -211,7 +221,7 @@ class BagWriter:
     @property
     def message_count(self) -> int:
         """Number of messages written so far."""
-        return sum(self._writer.count_messages().values())
+        return self._information.message_count
 
     @property
     def disk_alarm(self) -> str:
@@ -297,6 +307,8 @@ class BagWriter:
             Times in ns since 1970, not negative; ``publish_time`` is ``log_time`` if not given.
         """
         self._check_open()
+        self._topics[topic_id].message_count += 1
+        self._information.add_message(log_time)
         try:
             self._writer.add_message(
                 topic_id, log_time, serialized, log_time if publish_time is None else publish_time
@@ -304,22 +316,17 @@ class BagWriter:
         except BagWriteError:
             self._abandon()
             raise
-        self._has_unflushed = True
-        if self._steady_clock() >= self._next_flush:
-            self.flush()
+        self.flush_if_due()
 
     def flush(self) -> None:
         """Finish the current chunk and hand it to the operating system."""
         self._check_open()
         self._next_flush = self._steady_clock() + FLUSH_INTERVAL
-        if not self._has_unflushed:
-            return
         try:
-            self._writer.finish_chunk()
+            self._writer.flush()
         except BagWriteError:
             self._abandon()
             raise
-        self._has_unflushed = False
 
     def flush_if_due(self) -> None:
         """Flush if the last flush was a second ago; needed while no message is written."""
@@ -364,11 +371,8 @@ class BagWriter:
         self._file.close()
 
     def _make_metadata(self) -> BagMetadata:
-        counts = self._writer.count_messages()
-        for number, topic in self._topics.items():
-            topic.message_count = counts.get(number, 0)
         return BagMetadata(
-            files=[FileInformation(self.path.name, *self._writer.times(), sum(counts.values()))],
+            files=[self._information],
             topics=list(self._topics.values()),
             custom_data=self._custom_metadata,
         )
