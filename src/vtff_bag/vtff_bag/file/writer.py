@@ -51,7 +51,8 @@ class _RecordFile:
     """An MCAP file without a buffer, which always ends after a whole record.
 
     The writer of the mcap package hands over whole records in a few large blocks, so that a buffer
-    would gain nothing. After a failed write, the part of the record that reached the disk is cut off again.
+    would gain nothing. After a failed write, the part of the record that reached the disk is cut
+    off again.
 
     Attributes
     ----------
