@@ -9,7 +9,6 @@ additions in Python) tells how fast the machine is just now.
 from __future__ import annotations
 
 import argparse
-import gc
 import json
 import os
 import pathlib
@@ -32,7 +31,6 @@ sys.path.insert(0, str(ROOT / "test"))
 from formation_recording import formation_seconds  # noqa: E402
 
 from vtff_bag.file.reader import BagReader  # noqa: E402
-from vtff_bringup.cli import OBJECTS_BETWEEN_COLLECTIONS  # noqa: E402
 from vtff_bringup.run.runner import NODE_RECORDS  # noqa: E402
 from vtff_iono.formation_ionosphere import FormationIonosphere  # noqa: E402
 
@@ -91,7 +89,6 @@ def process_seconds(bag: str) -> float:
 
 def report(bag: str, folder: str) -> None:
     """Measure and print."""
-    gc.set_threshold(OBJECTS_BETWEEN_COLLECTIONS)  # as the vtff command does
     # Compiled loops are loaded, and compiled if need be, outside of the measurement.
     _, first = next(iter(formation_seconds(BagReader(bag))))
     FormationIonosphere().process(first)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gc
 import importlib
 import os
 import sys
@@ -14,12 +13,6 @@ from vtff_bringup.system.blas_threads import ONE_BLAS_THREAD
 
 if TYPE_CHECKING:
     import typer
-
-#: New objects after which Python looks for garbage in cycles. Imports and files make many objects
-#: that stay: with the default, 700, the search takes an eighth of a command, with 100 000 a
-#: twentieth.
-OBJECTS_BETWEEN_COLLECTIONS = 500_000
-
 
 #: The commands in the order of the help: module and function, or app of a group.
 _COMMANDS = {
@@ -89,24 +82,11 @@ def make_app(arguments: Sequence[str] = ()) -> typer.Typer:
 
 def main() -> None:
     """Run the command line."""
-    gc.set_threshold(OBJECTS_BETWEEN_COLLECTIONS)
     os.environ.update({**ONE_BLAS_THREAD, **os.environ})
-    arguments = sys.argv[1:]
-    is_tec = arguments[:1] == ["tec"]
     try:
-        if is_tec:
-            # Most of the time of a station day is that of reading it, which begins with imports.
-            from vtff_analysis.tec.reading import prepare_reading
-
-            prepare_reading()
-        make_app(arguments)(prog_name="vtff")
+        make_app(sys.argv[1:])(prog_name="vtff")
     except KeyboardInterrupt:
         sys.exit(EXIT_INTERRUPTED)
-    finally:
-        if is_tec:
-            # The end of the process frees what is left; Python would first look for cycles in it,
-            # which takes 60 ms. The command has closed its files and ended its processes.
-            gc.freeze()
 
 
 if __name__ == "__main__":

@@ -8,7 +8,7 @@ import multiprocessing
 import os
 import pathlib
 import signal
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,10 +16,10 @@ from vtff_analysis.tec.errors import TecError
 from vtff_analysis.tec.output import summarise_result, write_tables
 from vtff_analysis.tec.processing import process
 from vtff_analysis.tec.receiver_orbit import ReceiverOrbit
-from vtff_analysis.tec.sources import bag_receivers, from_bag, from_file, from_observations, is_bag
+from vtff_analysis.tec.sources import bag_receivers, from_bag, from_file, is_bag
 from vtff_bag.file.errors import BagError
 from vtff_gnss.files.navigation_files import NavigationFiles
-from vtff_gnss.files.observation_files import ObservationFile, ObservationFileError
+from vtff_gnss.files.observation_files import ObservationFileError
 from vtff_iono.bias.code_biases import BiasFileError, CodeBiasTable
 
 __all__ = ["TecOptions", "TecOutcome", "TecTask", "find_tasks", "run_tasks"]
@@ -125,13 +125,9 @@ def find_tasks(paths: Sequence[pathlib.Path]) -> list[TecTask | TecOutcome]:
     return tasks
 
 
-def _run_task(
-    task: TecTask, options: TecOptions, reading: Callable[[], ObservationFile] | None = None
-) -> TecOutcome:
+def _run_task(task: TecTask, options: TecOptions) -> TecOutcome:
     try:
-        if reading is not None:
-            source = from_observations(reading())
-        elif task.receiver is None:
+        if task.receiver is None:
             source = from_file(task.path, options.partial, options.systems)
         else:
             source = from_bag(task.path, task.receiver, options.systems)
@@ -162,26 +158,14 @@ def _describe_error(error: OSError, path: pathlib.Path) -> str:
 
 
 @contextlib.contextmanager
-def run_tasks(
-    tasks: Sequence[TecTask],
-    options: TecOptions,
-    reading: Callable[[], ObservationFile] | None = None,
-) -> Iterator[Iterator[TecOutcome]]:
+def run_tasks(tasks: Sequence[TecTask], options: TecOptions) -> Iterator[Iterator[TecOutcome]]:
     """Process receivers in a context, which yields the outcomes in the order of the tasks.
 
     Leaving the context ends the tasks that are still running.
-
-    Parameters
-    ----------
-    tasks : sequence of TecTask
-    options : TecOptions
-    reading : callable, optional
-        Returns the file of the only task, which is being read already; see
-        `vtff_analysis.tec.reading.begin_reading`.
     """
     workers = min(len(tasks), os.cpu_count() or 1)
-    if workers < 2 or reading is not None:
-        yield (_run_task(task, options, reading) for task in tasks)
+    if workers < 2:
+        yield (_run_task(task, options) for task in tasks)
         return
     # Workers are not forked from this process, whose libraries may have started threads.
     context = multiprocessing.get_context("forkserver")

@@ -12,7 +12,7 @@ import numpy as np
 from vtff_analysis.tec.errors import TecError
 from vtff_analysis.tec.receiver_orbit import ReceiverOrbit, orbit_from_fixes
 from vtff_gnss.ephemeris import BroadcastEphemeris
-from vtff_gnss.files.observation_files import ObservationFile, open_observations
+from vtff_gnss.files.observation_files import open_observations
 from vtff_gnss.fix import Fix
 from vtff_gnss.observation_table import ObservationTable
 
@@ -24,7 +24,6 @@ __all__ = [
     "bag_receivers",
     "from_bag",
     "from_file",
-    "from_observations",
     "is_bag",
 ]
 
@@ -78,22 +77,11 @@ def from_file(path: pathlib.Path, partial: bool = False, systems: str | None = N
     TecError
         If no satellite has a second frequency.
     """
-    return from_observations(open_observations(path, systems, partial=partial))
-
-
-def from_observations(file: ObservationFile) -> TecSource:
-    """Return the source of an observation file that has been read.
-
-    Raises
-    ------
-    TecError
-        If no satellite has a second frequency.
-    """
-    path = file.path
+    file = open_observations(path, systems, partial=partial)
     columns = file.table.columns
-    systems = columns["system"].astype(np.int64)
-    bands = np.unique(systems << 8 | columns["band"])
-    if len(bands) == len(np.unique(systems)):
+    system_numbers = columns["system"].astype(np.int64)
+    bands = np.unique(system_numbers << 8 | columns["band"])
+    if len(bands) == len(np.unique(system_numbers)):
         raise TecError(f"{path}: no second frequency: TEC needs two bands of a satellite")
     return TecSource(
         description=f"{path.name}, {file.format_name}",

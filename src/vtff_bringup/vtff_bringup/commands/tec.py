@@ -96,11 +96,6 @@ def tec(
 
     vtff tec leo.10o --nav igs.sp3 --orbit leo.sp3 --biases P1P2.DCB --biases P1C1.DCB
     """
-    # Reading a station day takes as long as all that is needed for its contents.
-    from vtff_analysis.tec.reading import begin_reading
-
-    is_single_file = len(files) == 1 and files[0].suffix != ".mcap" and files[0].is_file()
-    reading = begin_reading(files[0] if is_single_file else None, systems, partial)
     # Imported here, because numpy, compiled loops and matplotlib take a while.
     from vtff_analysis.page.results import Section, write_results
     from vtff_analysis.tec.batch import TecOptions, TecOutcome, find_tasks, run_tasks
@@ -139,7 +134,7 @@ def tec(
     from rich.progress import Progress
 
     with (
-        run_tasks(tasks, options, reading) as outcomes,
+        run_tasks(tasks, options) as outcomes,
         Progress(console=console, transient=True, disable=not console.is_interactive) as bar,
     ):
         progress = bar.add_task("receivers", total=len(entries))
