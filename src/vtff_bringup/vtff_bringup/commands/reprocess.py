@@ -18,12 +18,10 @@ from vtff_bringup.discover.completion import (
     complete_override,
     complete_system,
 )
-from vtff_bringup.run.background_import import BackgroundImport
 from vtff_bringup.run.console import make_console
 from vtff_bringup.run.errors import exit_with_error, print_error
 from vtff_bringup.run.exit_codes import EXIT_FAILURE, EXIT_USAGE
 from vtff_bringup.run.on_console import (
-    REPORT_MODULE,
     conclude_run,
     exit_on_run_errors,
     report_run,
@@ -100,7 +98,6 @@ def reprocess(
     with exit_on_run_errors(console, run_directory):
         description = load_system(path, overrides, run_settings)
         check_parameters(description, overrides)
-        imports = BackgroundImport(REPORT_MODULE)
         result = run_system(
             console,
             description,
@@ -108,14 +105,13 @@ def reprocess(
             command=command_line(without="--out"),
             composed=not distributed,
             verbose=verbose,
-            on_step=imports.begin if report else None,
             prepare=lambda: _carry_over_parameters(recorded, run_directory),
         )
     exit_code, message_count = conclude_run(console, run_directory, result)
     if exit_code == 0:
         exit_code = _print_comparison(console, recorded, run_directory, description)
     if report and message_count and exit_code == 0:
-        exit_code = report_run(console, run_directory, imports)
+        exit_code = report_run(console, run_directory)
     raise typer.Exit(exit_code)
 
 

@@ -13,14 +13,12 @@ from vtff_bringup.commands.command_line import command_line, folder_option
 from vtff_bringup.discover.completion import complete_override, complete_system
 from vtff_bringup.hosts.run_order import RunOrder
 from vtff_bringup.hosts.take_part import check_host, conclude_on_other_host, take_part
-from vtff_bringup.run.background_import import BackgroundImport
 from vtff_bringup.run.console import make_console
 from vtff_bringup.run.errors import exit_with_error
 from vtff_bringup.run.exit_codes import EXIT_INTERRUPTED, EXIT_USAGE
 from vtff_bringup.run.flown import has_flown
 from vtff_bringup.run.host_session import Conclusion, HostSession
 from vtff_bringup.run.on_console import (
-    REPORT_MODULE,
     conclude_run,
     exit_on_run_errors,
     report_run,
@@ -132,7 +130,6 @@ def run(
             )
             description = session.description
             settings = order.settings(run_directory, description.free_ports)
-        imports = BackgroundImport(REPORT_MODULE)
         result = run_system(
             console,
             description,
@@ -140,7 +137,6 @@ def run(
             command=command_line(without="--out"),
             composed=order.shares_process,
             verbose=verbose,
-            on_step=imports.begin if order.report else None,
             session=session,
         )
         if session is not None and not session.records:
@@ -153,6 +149,6 @@ def run(
         if not has_flown(run_directory):
             console.print("nothing flew before the end: no report")
             raise typer.Exit(exit_code)
-        exit_code = report_run(console, run_directory, imports) or exit_code
+        exit_code = report_run(console, run_directory) or exit_code
         console.print(f"look at it: vtff view {run_directory}", markup=False, soft_wrap=True)
     raise typer.Exit(exit_code)

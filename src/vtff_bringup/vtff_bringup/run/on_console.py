@@ -13,7 +13,6 @@ from rich.markup import escape
 from vtff_bag.file.errors import BagError
 from vtff_bag.run.description import COMMAND_KEY, add_measured, write_arguments
 from vtff_bag.run.folder import remove_if_empty
-from vtff_bringup.run.background_import import BackgroundImport
 from vtff_bringup.run.domain import DOMAIN_VARIABLE, DomainOccupiedError
 from vtff_bringup.run.errors import describe_os_error, exit_with_error, print_error
 from vtff_bringup.run.exit_codes import EXIT_FAILURE, EXIT_INTERRUPTED, EXIT_USAGE
@@ -24,10 +23,7 @@ from vtff_bringup.system.description import RunSettings, SystemDescription
 from vtff_bringup.system.errors import SystemFileError
 from vtff_node.executables import ExecutableNotFoundError
 
-__all__ = ["REPORT_MODULE", "conclude_run", "exit_on_run_errors", "report_run", "run_system"]
-
-#: Module of the report, which takes a second to import.
-REPORT_MODULE = "vtff_analysis.report"
+__all__ = ["conclude_run", "exit_on_run_errors", "report_run", "run_system"]
 
 
 @contextlib.contextmanager
@@ -58,7 +54,6 @@ def run_system(
     composed: bool,
     verbose: bool,
     prepare: Callable[[], None] | None = None,
-    on_step: Callable[[], None] | None = None,
     session: HostSession | None = None,
 ) -> RunResult:
     """Run a loaded system in its run folder, with its progress on the console.
@@ -77,8 +72,6 @@ def run_system(
         Whether every line of the processes is shown.
     prepare
         Writes further files into the run folder before the first process starts.
-    on_step
-        Function that is called with each report of progress, from the first step on.
     session
         The run on the other hosts, of a system that has several.
 
@@ -109,11 +102,6 @@ def run_system(
         console.print(told, markup=False, soft_wrap=True)
     with RunProgress(console) as progress:
 
-        def show_progress(report: dict[str, Any]) -> None:
-            progress.update(report)
-            if on_step is not None:
-                on_step()
-
         def show_line(name: str, line: str, noteworthy: bool) -> None:
             if verbose or noteworthy or links.is_new(name, line):
                 progress.print(f"[{name}] {line}")
@@ -125,7 +113,7 @@ def run_system(
             settings.run_directory,
             composed=composed,
             on_domain=begin,
-            on_progress=show_progress,
+            on_progress=progress.update,
             on_line=show_line,
             session=session,
         )
@@ -178,16 +166,9 @@ def conclude_run(
     return exit_code, message_count
 
 
-def report_run(
-    console: Console, run_directory: pathlib.Path, imports: BackgroundImport | None = None
-) -> int:
-    """Write the report of a run; return an exit code, 0 if it is written.
-
-    The modules that it needs may have been imported before, while the run flew.
-    """
+def report_run(console: Console, run_directory: pathlib.Path) -> int:
+    """Write the report of a run; return an exit code, 0 if it is written."""
     try:
-        if imports is not None:
-            imports.wait()
         # Imported here, because matplotlib takes a while.
         from vtff_analysis.report import write_report
 
