@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import pathlib
-from collections.abc import Callable, Mapping
-from functools import partial
+from collections.abc import Mapping
 
 import matplotlib as mpl
 import numpy as np
@@ -22,12 +21,10 @@ from vtff_analysis.recordings.history import (
     DeputyHistory,
     ReceiverHistory,
     RunHistory,
-    SatelliteColumns,
 )
 from vtff_analysis.recordings.ionosphere_truth import IonosphereTruth
 from vtff_analysis.recordings.settings import RunSettings
 from vtff_analysis.recordings.topics import key_part
-from vtff_analysis.report.forked import run_forked, usable_processors
 from vtff_analysis.report.guidance_section import draw_guidance
 from vtff_analysis.report.plots import plot_formation, plot_receiver
 from vtff_analysis.report.plots_attitude import plot_attitude, plot_dipole
@@ -112,40 +109,36 @@ def draw_pictures(
     """
     scenario = history.simulator.scenario if history.simulator is not None else ""
     labelled = f"{run_name}{scenario_label(scenario)}"
-    tasks: list[Callable[[], list[Picture]]] = []
+    pictures: list[Picture] = []
     for name, flight in flights.items():
         prefix = f"{key_part(name)}_" if len(flights) > 1 else ""
         cap = settings.controller(name).acceleration_cap
         deputy = history.deputies[name]
-        tasks += [
-            partial(_draw_formation, flight, folder, prefix, run_name, scenario, cap),
-            partial(_draw_navigation_error, deputy, folder, prefix, run_name),
-            partial(_draw_navigation_quality, deputy, folder, prefix, run_name),
-        ]
-    tasks.append(partial(draw_guidance, history, folder, run_name))
+        pictures += _draw_formation(flight, folder, prefix, run_name, scenario, cap)
+        pictures += _draw_navigation_error(deputy, folder, prefix, run_name)
+        pictures += _draw_navigation_quality(deputy, folder, prefix, run_name)
+    pictures += draw_guidance(history, folder, run_name)
     for name, attitude in history.attitude.items():
         prefix = f"{key_part(name)}_" if len(history.attitude) > 1 else ""
         title = f"{run_name}: attitude of {name}"
-        tasks.append(partial(_draw_attitude, attitude, history.start_time, folder, prefix, title))
+        pictures += _draw_attitude(attitude, history.start_time, folder, prefix, title)
     for receiver in history.receivers.values():
-        tasks += [
-            partial(_draw_tracking, receiver, folder, run_name),
-            partial(_draw_sky, receiver, folder, run_name),
-        ]
+        pictures += _draw_tracking(receiver, folder, run_name)
+        pictures += _draw_sky(receiver, folder, run_name)
     if history.survey is not None and history.survey.decisions and wall_truth is not None:
-        tasks.append(partial(_draw_survey, history, wall_truth, folder, labelled))
+        pictures += _draw_survey(history, wall_truth, folder, labelled)
     cluster = cluster_of_run(history)
     if cluster is not None:
-        tasks.append(partial(_draw_cluster, cluster, folder))
+        pictures += _draw_cluster(cluster, folder)
     pairs = history.pair_histories()
     for pair in pairs:
         prefix = f"{key_part(pair.deputy)}_" if len(pairs) > 1 else ""
-        tasks.append(partial(_draw_density, pair, truth, folder, prefix, labelled, scenario))
-    tasks.append(partial(_draw_scintillation_maps, pairs[0], truth, folder, labelled, scenario))
-    tasks += _ionosphere_tasks(history, folder, labelled)
-    tasks.append(partial(_draw_comparisons, history, folder, labelled))
-    tasks.append(partial(_draw_timing, history, folder, run_name))
-    return [picture for drawn in run_forked(tasks, usable_processors()) for picture in drawn]
+        pictures += _draw_density(pair, truth, folder, prefix, labelled, scenario)
+    pictures += _draw_scintillation_maps(pairs[0], truth, folder, labelled, scenario)
+    pictures += _draw_satellite_values(history, folder, labelled)
+    pictures += _draw_comparisons(history, folder, labelled)
+    pictures += _draw_timing(history, folder, run_name)
+    return pictures
 
 
 def _draw_formation(
@@ -382,32 +375,28 @@ def _draw_scintillation_maps(
     return pictures
 
 
-def _ionosphere_tasks(
+def _draw_satellite_values(
     history: RunHistory, folder: pathlib.Path, run_name: str
-) -> list[Callable[[], list[Picture]]]:
-    plots = (
-        (history.slant_tec, _SLANT_TEC_PANELS, "electron content, one colour a satellite"),
-        (history.scintillation, _SCINTILLATION_PANELS, "scintillation, one colour a satellite"),
-    )
-
-    def draw(topic: str, columns: SatelliteColumns, panels: _Panels, what: str) -> list[Picture]:
-        path = folder / f"{key_part(topic)}.png"
-        title = f"{run_name}: {topic}"
-        drawn = plot_satellite_values(
-            columns,
-            panels,
-            history.start_time,
-            path,
-            title,
-            has_medians=panels is _DIFFERENTIAL_PANELS,
-        )
-        return [] if drawn is None else [Picture(drawn, f"{topic}: {what}.", "ionosphere")]
-
-    return [
-        partial(draw, topic, columns, _panels_of(topic, panels), what)
-        for topics, panels, what in plots
-        for topic, columns in topics.items()
-    ]
+) -> list[Picture]:
+    pictures = []
+    for topics, panels, content in (
+        (history.slant_tec, _SLANT_TEC_PANELS, "electron content"),
+        (history.scintillation, _SCINTILLATION_PANELS, "scintillation"),
+    ):
+        for topic, columns in topics.items():
+            own_panels = _panels_of(topic, panels)
+            drawn = plot_satellite_values(
+                columns,
+                own_panels,
+                history.start_time,
+                folder / f"{key_part(topic)}.png",
+                f"{run_name}: {topic}",
+                has_medians=own_panels is _DIFFERENTIAL_PANELS,
+            )
+            if drawn is not None:
+                caption = f"{topic}: {content}, one colour a satellite."
+                pictures.append(Picture(drawn, caption, "ionosphere"))
+    return pictures
 
 
 def _panels_of(topic: str, panels: _Panels) -> _Panels:
