@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 import pathlib
 from collections.abc import Iterator
@@ -11,18 +12,19 @@ import pytest
 
 rclpy = pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
+from builtin_interfaces.msg import Time  # noqa: E402
+from cdgps_test_support import START, Scenario, simulate  # noqa: E402
 from geometry_msgs.msg import AccelStamped  # noqa: E402
 from node_bench import NodeBench  # noqa: E402
 from rclpy.parameter import Parameter  # noqa: E402
 from rosgraph_msgs.msg import Clock  # noqa: E402
 
-from vtff_dynamics.time.timescales import GpsTime  # noqa: E402
-from vtff_msgs.msg import RelativeState  # noqa: E402
-from vtff_nav import relative_ekf_node  # noqa: E402
-from vtff_nav.relative.common.solution import (  # noqa: E402
-    _SHAPES,
-    SOLUTION_PREDICTED,
-    RelativeSolution,
+from vtff_gnss.observations import OBSERVATION_COLUMNS, ObservationEpoch  # noqa: E402
+from vtff_msgs.msg import (  # noqa: E402
+    AmbiguityStatus,
+    GnssObservations,
+    RelativeState,
+    SlantTec,
 )
 from vtff_nav.relative.shipped_estimators import make_cdgps  # noqa: E402
 from vtff_nav.relative_ekf_node import (  # noqa: E402
@@ -32,6 +34,7 @@ from vtff_nav.relative_ekf_node import (  # noqa: E402
     estimator_setting,
 )
 from vtff_node import qos  # noqa: E402
+from vtff_node.conversions.gnss import ephemeris_to_message  # noqa: E402
 from vtff_node.parameters import ParameterError  # noqa: E402
 from vtff_node.stamps import to_stamp  # noqa: E402
 
@@ -52,6 +55,10 @@ class Bench(NodeBench):
         self.probe.create_subscription(
             RelativeState, "/deputy/relative_state", self.states.append, qos.subscribe(True)
         )
+
+    def has_states(self, count: int) -> bool:
+        """Return whether so many relative states have come."""
+        return len(self.states) == count
 
     def count(self, name: str) -> int:
         """Return a number of the diagnostics."""
@@ -79,111 +86,98 @@ def test_thrust_that_is_not_finite_is_refused(bench: Bench):
     assert bench.states[0].solution == RelativeState.SOLUTION_NONE
 
 
-class LoggedEstimator:
-    """Predicts a fixed state, and notes what it is asked for."""
-
-    learns_later = False
-
-    def __init__(self, log: list[str], *, fails: bool = False) -> None:
-        self._log = log
-        self._fails = fails
-
-    def process(self, time: GpsTime, *_measured: object) -> RelativeSolution:
-        self._log.append("process")
-        zeros = {name: np.zeros(shape) for name, shape in _SHAPES.items()}
-        return RelativeSolution(time=time, solution=SOLUTION_PREDICTED, **zeros)
-
-    def learn(self) -> None:
-        self._log.append("learn")
-        if self._fails:
-            raise ValueError("learning failed")
-
-    def reset(self) -> None:
-        self._log.append("reset")
+def message_of(epoch: ObservationEpoch, stamp: Time) -> GnssObservations:
+    """Return the message of an epoch."""
+    time = epoch.time
+    message = GnssObservations(gps_week=time.week, gps_time_of_week=time.time_of_week)
+    message.header.stamp = stamp
+    for name in OBSERVATION_COLUMNS:
+        setattr(message, name, getattr(epoch, name))
+    return message
 
 
-def logged_bench(
-    context: rclpy.Context, *, fails: bool = False, **parameters: object
-) -> tuple[Bench, list[str]]:
-    """Return a node with that estimator, and the list of what is done in it."""
-    bench = Bench(context, patience=0.01, **parameters)
-    log: list[str] = []
+def content(message: object) -> list[bytes]:
+    """Return the bytes of each field of a message, numbers that are NaN among them."""
+    names = message.get_fields_and_field_types()
+    fields = {name: getattr(message, name) for name in names if name != "header"}
+    return [np.asarray(value).tobytes() for value in fields.values()]
+
+
+def solutions_of(bench: Bench, scenario: Scenario, *, seconds: int) -> list[list[bytes]]:
+    """Fly a scenario through a node; return the content of all that it publishes, topic by topic.
+
+    In lockstep thrust comes first. In real time the deputy is heard first, and its thrust between
+    the two epochs.
+    """
+    published: dict[str, list[list[bytes]]] = {}
+    kinds = {"relative_state": RelativeState, "ambiguities": AmbiguityStatus}
+    for name, kind in {**kinds, "differential_tec": SlantTec}.items():
+        contents = published[name] = []
+
+        def keep(message: object, contents: list[list[bytes]] = contents) -> None:
+            contents.append(content(message))
+
+        bench.probe.create_subscription(kind, f"/deputy/{name}", keep, qos.subscribe(True))
     node = bench.node
-    node._estimator = LoggedEstimator(log, fails=fails)
-    for name in ("state", "ambiguity", "tec"):
-        publisher = getattr(node, f"_{name}_publisher")
-
-        def publish(message, name=name, publish=publisher.publish):
-            log.append(name)
-            publish(message)
-
-        publisher.publish = publish
-    return bench, log
-
-
-def test_in_real_time_only_the_state_comes_before_the_command(ros_context):
-    """Nothing is lost: an epoch, or the end of the node, finishes the epoch before."""
-    bench, log = logged_bench(ros_context)
-    later = ["ambiguity", "tec", "learn"]
-    try:
-        for second in range(2):
-            bench.clock.publish(Clock(clock=to_stamp(EPOCH + second * SECOND)))
-            bench.spin_until(lambda: log[-1:] == ["learn"])
-            assert log == ["process", "state", *later]
-            log.clear()
-        bench.node._unfinished_until = math.inf
-        for second in (2, 3):  # at once, as after a pause of the process
-            bench.node._on_clock(Clock(clock=to_stamp(EPOCH + second * SECOND)))
-        bench.spin_until(lambda: log.count("state") == 2)
-        assert log[:5] == ["process", "state", *later]
-        bench.node.on_stop()
-        assert log[5:] == ["process", "state", *later]
-    finally:
-        bench.close()
+    for ephemeris in scenario.ephemerides:
+        node._on_ephemeris(ephemeris_to_message(ephemeris))
+    for second in range(seconds):
+        time = START + float(second)
+        stamp = to_stamp(time.to_unix_nanoseconds())
+        chief, deputy = (
+            message_of(epochs[time], stamp) for epochs in (scenario.chief, scenario.deputy)
+        )
+        thrust = AccelStamped()
+        thrust.header.stamp = to_stamp((time - 1.0).to_unix_nanoseconds())
+        thrust.accel.linear.y = 1e-3 * (second % 3)
+        if node.lockstep:
+            node._on_thrust("deputy", thrust)
+            node._on_epoch("chief", chief)
+            node._on_epoch("deputy", deputy)
+        else:
+            node._on_epoch("deputy", deputy)
+            node._on_thrust("deputy", thrust)
+            node._on_epoch("chief", chief)
+    bench.spin_until(lambda: all(len(each) == seconds for each in published.values()))
+    return list(published.values())
 
 
-def test_an_error_or_a_new_beginning_loses_no_table(ros_context, monkeypatch):
-    monkeypatch.setattr(relative_ekf_node, "COMMAND_TIME", math.inf)
-    bench, log = logged_bench(ros_context)
-    tables = ["ambiguity", "tec"]
+def test_real_time_and_lockstep_give_the_same_numbers(ros_context):
+    """The same epochs and thrust make the same bytes on all topics, from the first one on."""
+    seconds = 40  # the filter learns noise and accelerations at each of them
+    scenario = simulate(seconds)
+    flown = []
+    for lockstep in (False, True):
+        bench = Bench(ros_context, signals=["G1", "G2"], lockstep=lockstep)
+        try:
+            flown.append(solutions_of(bench, scenario, seconds=seconds))
+            assert bench.count("epochs fixed") > seconds // 2
+        finally:
+            bench.close()
+    assert flown[0] == flown[1]
+
+
+def test_a_new_beginning_answers_the_first_epoch(bench: Bench):
+    """Epochs of a log that begins again are answered as those of the first reading."""
+    stamps = [to_stamp(EPOCH), to_stamp(EPOCH - 100 * SECOND)]
+    for count, stamp in enumerate(stamps, start=1):
+        bench.node._on_clock(Clock(clock=stamp))
+        bench.spin_until(functools.partial(bench.has_states, count))
+    assert [state.header.stamp for state in bench.states] == stamps
+
+
+def test_an_estimator_that_fails_between_epochs_ends_the_node_in_order(bench: Bench):
+    """The last epoch is answered once more, without a solution."""
 
     def fail() -> None:
         raise ValueError("no more")
 
-    try:
-        bench.node._on_clock(Clock(clock=to_stamp(EPOCH)))
-        bench.spin_until(lambda: log == ["process", "state"])
-        bench.node._on_clock(Clock(clock=to_stamp(EPOCH - 100 * SECOND)))
-        bench.spin_until(lambda: log.count("state") == 2)
-        assert log == ["process", "state", *tables, "learn", "reset", "process", "state"]
-        log.clear()
-        bench.node._tell(fail)
-        assert log == [*tables, "state", *tables]
-        assert bench.node.finished and "no more" in bench.node.problem
-    finally:
-        bench.close()
-
-
-def test_in_lockstep_all_of_an_epoch_comes_at_once(ros_context):
-    bench, log = logged_bench(ros_context, lockstep=True)
-    try:
-        bench.node._on_clock(Clock(clock=to_stamp(EPOCH)))
-        bench.spin_until(lambda: log[-1:] == ["tec"])
-        assert log == ["process", "state", "ambiguity", "tec"]
-    finally:
-        bench.close()
-
-
-def test_an_estimator_that_fails_to_learn_ends_the_node_in_order(ros_context):
-    bench, log = logged_bench(ros_context, fails=True)
-    try:
-        bench.node._on_clock(Clock(clock=to_stamp(EPOCH)))
-        bench.spin_until(lambda: bench.node.finished)
-        assert bench.node.exit_code == 1 and "learning failed" in bench.node.problem
-        bench.spin_until(lambda: len(bench.states) == 2)
-        assert bench.states[-1].solution == RelativeState.SOLUTION_NONE
-    finally:
-        bench.close()
+    bench.node._on_clock(Clock(clock=to_stamp(EPOCH)))
+    bench.spin_until(lambda: bench.has_states(1))
+    bench.node._tell(fail)
+    bench.spin_until(lambda: bench.has_states(2))
+    assert bench.node.exit_code == 1 and "no more" in bench.node.problem
+    assert bench.states[-1].solution == RelativeState.SOLUTION_NONE
 
 
 def test_integrator_reaches_the_filter():

@@ -65,8 +65,6 @@ from vtff_node.plugins.loading import PluginError, plugin_names
 from vtff_node.stamps import StampOrder, to_nanoseconds, to_stamp
 
 JOIN_INTERVAL = 0.01  # s of wall time between looks at epochs that wait for a receiver
-#: Wall time after a solution, s, that the nodes which make a command of it have the processor.
-COMMAND_TIME = 0.02
 SETTLE_TIME = 0.3  # s of wall time between discovery of a publisher and its first message
 LASER = "laser"
 
@@ -393,8 +391,6 @@ class RelativeEkfNode(VtffNode):
     for, and attitude of each whose attitude frame is "estimated". Publishes once an epoch
     relative_state (RelativeState, m and m/s in the chief's RTN frame), ambiguities
     (AmbiguityStatus) and differential_tec (SlantTec, TECU).
-    In real time ambiguities and differential_tec follow relative_state after `COMMAND_TIME`: until
-    then the processor belongs to the nodes that make a command of the state.
     Every epoch of /clock is answered: without measurements by a prediction, before the filter has
     started by SOLUTION_NONE. An estimator that fails, is too slow or answers with something
     unusable is named, its solution is SOLUTION_NONE and the node ends.
@@ -431,10 +427,6 @@ class RelativeEkfNode(VtffNode):
         self._solution: RelativeSolution | None = None
         self._epochs = {name: 0 for name in SOLUTION_NAMES.values()}
         self._compute_time = 0.0
-        self._unfinished: RelativeSolution | None = None
-        self._unfinished_until = 0.0
-        if not self.lockstep and hasattr(self._estimator, "learn"):
-            self._estimator.learns_later = True
         self._thrust_orders = {name: StampOrder() for name in self._namespaces}
         self._refused_thrust = 0
         self._inputs_since: float | None = None
@@ -576,19 +568,11 @@ class RelativeEkfNode(VtffNode):
         self._restart_after_jump_back(stamp)
         self._join.add(source, stamp, measurement, time.monotonic())
         self._process_complete()
-        if self._processed_nanoseconds < stamp:
-            self._prepare(stamp)
-
-    def _prepare(self, stamp: int) -> None:
-        """Let the estimator do what an epoch does not need the other receiver for."""
-        if hasattr(self._estimator, "prepare"):
-            self._tell(self._estimator.prepare, GpsTime.from_unix_nanoseconds(stamp))
 
     def _restart_after_jump_back(self, stamp: int) -> None:
         """Start navigation anew when time has jumped back, as in a log that begins again."""
         if stamp < self._newest - StampOrder.JUMP_BACK:
             self.get_logger().warning("time has jumped back: navigation starts anew")
-            self._finish_epoch()
             self._tell(self._estimator.reset)
             self._join.restart()
             self._newest = -1
@@ -598,8 +582,6 @@ class RelativeEkfNode(VtffNode):
         if self.common.reports_ready and self._inputs_since != math.inf:
             self._report_when_connected()
         self._process_complete()
-        if self._unfinished is not None and time.monotonic() >= self._unfinished_until:
-            self._finish_epoch()
 
     def _report_when_connected(self) -> None:
         """Report readiness a moment after all inputs have publishers, so that none is missed."""
@@ -622,9 +604,6 @@ class RelativeEkfNode(VtffNode):
 
     def _process(self, epoch: JoinedEpoch) -> None:
         started = time.perf_counter()
-        self._finish_epoch()
-        if self.finished:
-            return
         given: RelativeEkfParameters = self.parameters
         measured = epoch.measured
         time_epoch = GpsTime.from_unix_nanoseconds(epoch.stamp_nanoseconds)
@@ -652,43 +631,19 @@ class RelativeEkfNode(VtffNode):
         self.acknowledge_step(to_stamp(epoch.stamp_nanoseconds), started)
 
     def _publish(self, solution: RelativeSolution) -> None:
-        """Publish a solution; in real time the state first, for which the controller waits."""
+        """Publish a solution, the state first: the controller waits for it."""
         given: RelativeEkfParameters = self.parameters
-        self._publish_tables()
-        self._solution = self._unfinished = solution
-        self._unfinished_until = time.monotonic() + COMMAND_TIME
+        self._solution = solution
         self._epochs[SOLUTION_NAMES[solution.solution]] += 1
         self._state_publisher.publish(
             relative_state_to_message(solution, given.chief, given.deputy)
         )
-        if self.lockstep or solution.solution == SOLUTION_NONE:
-            self._finish_epoch()
-
-    def _finish_epoch(self) -> None:
-        """Do what is left of the last epoch, if anything is: no command waits for it."""
-        solution = self._publish_tables()
-        if solution is None or self.lockstep or solution.solution == SOLUTION_NONE:
-            return
-        if hasattr(self._estimator, "learn"):
-            self._tell(self._estimator.learn)
-
-    def _publish_tables(self) -> RelativeSolution | None:
-        """Publish the tables of a solution whose state alone has been told; return it."""
-        solution, self._unfinished = self._unfinished, None
-        if solution is None:
-            return None
-        given: RelativeEkfParameters = self.parameters
         self._ambiguity_publisher.publish(
             ambiguities_to_message(solution, given.chief, given.deputy)
         )
         self._tec_publisher.publish(
             differential_tec_to_message(solution, given.chief, given.deputy)
         )
-        return solution
-
-    def on_stop(self) -> None:
-        """Publish what is left of the last epoch."""
-        self._finish_epoch()
 
     # ---- health ------------------------------------------------------------------------------
 

@@ -25,7 +25,6 @@ from cdgps_test_support import (
 from cdgps_truth_support import longest_run, wrong_integers
 from scipy.stats import chi2
 
-from vtff_nav.relative.cdgps import estimator as estimator_module
 from vtff_nav.relative.cdgps.estimator import CdgpsEstimator
 from vtff_nav.relative.common.solution import (
     AMBIGUITY_FLOAT,
@@ -278,70 +277,6 @@ def test_nothing_to_begin_with(scenario):
     assert bare.process(time, scenario.chief[time], scenario.deputy[time]).solution > 0
     bare.reset()
     assert bare.process(START + 8.0, None, None).solution == SOLUTION_NONE
-
-
-@pytest.mark.parametrize("joint_distance", [0.0, np.inf])
-def test_what_is_prepared_changes_no_result(scenario, joint_distance, monkeypatch):
-    """Also for an epoch that does not come, twice, and where thrust is told of afterwards."""
-    monkeypatch.setattr(estimator_module, "_JOINT_DISTANCE", joint_distance)
-    random = np.random.default_rng(5)
-    at_once, prepared = (CdgpsEstimator(configuration(), scenario.ephemerides) for _ in range(2))
-    for second in range(60):
-        time, last = START + float(second), START + float(second - 1)
-        if second % 7 == 3:
-            prepared.prepare(time)  # and then no epoch
-            continue
-        for ahead in random.integers(0, 3, size=random.integers(0, 4)).tolist():
-            prepared.prepare(time + float(ahead))
-        thrust = 1e-3 * random.standard_normal(3) * (second % 5 > 2)
-        for estimator in (at_once, prepared):
-            estimator.add_thrust(last, 1.0, thrust)
-        prepared.prepare(time)
-        measured = (scenario.chief[time], scenario.deputy[time])
-        expected = at_once.process(time, *measured)
-        solution = prepared.process(time, *measured)
-        for name in ("position_rtn", "covariance_rtn", "position_chief_gcrf"):
-            np.testing.assert_array_equal(getattr(solution, name), getattr(expected, name))
-    assert prepared._are_joint == (joint_distance == 0.0)
-
-
-def test_noise_may_be_learnt_after_the_solution(scenario):
-    """At once, before the next epoch, or when the caller has time: the estimates stay the same."""
-    at_once, by_itself, later = (
-        CdgpsEstimator(configuration(), scenario.ephemerides) for _ in range(3)
-    )
-    by_itself.learns_later = later.learns_later = True
-    assert not at_once.learns_later
-    for second in range(150):
-        time = START + float(second)
-        measured = (scenario.chief[time], scenario.deputy[time])
-        expected = at_once.process(time, *measured)
-        solution = later.process(time, *measured)
-        of_itself = by_itself.process(time, *measured)
-        for name in ("position_rtn", "covariance_rtn", "position_chief_gcrf"):
-            np.testing.assert_array_equal(getattr(of_itself, name), getattr(solution, name))
-        later.learn()
-        if second < 30:
-            continue
-        assert (solution.solution, solution.ambiguities_fixed) == (
-            expected.solution,
-            expected.ambiguities_fixed,
-        )
-        sigma, sigma_expected = (
-            np.sqrt(np.diagonal(each.covariance_rtn)) for each in (solution, expected)
-        )
-        np.testing.assert_allclose(sigma, sigma_expected, rtol=0.1)
-        assert np.all(np.abs(solution.position_rtn - expected.position_rtn) < 0.1 * sigma[:3])
-    later.learns_later = False
-    at_once.reset()
-    later.reset()
-    for second in range(150, 180):
-        time = START + float(second)
-        measured = (scenario.chief[time], scenario.deputy[time])
-        np.testing.assert_array_equal(
-            later.process(time, *measured).covariance_rtn,
-            at_once.process(time, *measured).covariance_rtn,
-        )
 
 
 def test_thrust_is_checked():

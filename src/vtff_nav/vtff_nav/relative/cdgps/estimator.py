@@ -9,11 +9,9 @@ Teunissen (1995) for the integers.
 
 from __future__ import annotations
 
-import copy
 import math
-import operator
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
@@ -37,7 +35,6 @@ from vtff_nav.relative.cdgps.output import (
     differential_tec_table,
     relative_rtn,
 )
-from vtff_nav.relative.cdgps.state import GaussianState
 from vtff_nav.relative.common.antenna_correction import Attitudes
 from vtff_nav.relative.common.columns import are_all, with_columns
 from vtff_nav.relative.common.dynamics import (
@@ -49,7 +46,6 @@ from vtff_nav.relative.common.dynamics import (
     ThrustInterval,
 )
 from vtff_nav.relative.common.estimator_inputs import EstimatorInputs
-from vtff_nav.relative.common.later_work import LaterWork
 from vtff_nav.relative.common.measurements import (
     Geometry,
     SignalReader,
@@ -68,7 +64,6 @@ from vtff_nav.relative.common.solution import (
 )
 from vtff_nav.relative.kernels.combinations import clock_from_codes
 from vtff_nav.relative.kernels.sky import move_over_ground
-from vtff_nav.relative.noise.acceleration import AccelerationMonitor
 
 __all__ = ["CdgpsEstimator"]
 
@@ -90,31 +85,6 @@ _CLOCK_TOLERANCE = 3e-7
 _NO_SOLUTION = RelativeSolution.none(GpsTime(0), ())
 
 
-@dataclass(frozen=True, eq=False)
-class _PredictionAhead:
-    """A prediction that was made before its epoch had come, and what it has replaced.
-
-    Parameters
-    ----------
-    end : GpsTime
-        Time of the epoch.
-    thrust : list of ThrustInterval
-        Thrust that it takes into account.
-    attitudes : tuple of BodyAttitude or None
-        Attitudes that it takes into account.
-    states : list of pair of GaussianState
-        Each state, and what it was before.
-    acceleration : AccelerationMonitor
-        The monitor of the chief's accelerations as it was before.
-    """
-
-    end: GpsTime
-    thrust: list[ThrustInterval]
-    attitudes: Attitudes
-    states: list[tuple[GaussianState, GaussianState]]
-    acceleration: AccelerationMonitor
-
-
 class CdgpsEstimator(EstimatorInputs):
     """Relative navigation filter; see `vtff_nav.relative.common.solution.RelativeEstimator`.
 
@@ -132,25 +102,21 @@ class CdgpsEstimator(EstimatorInputs):
         super().__init__(ephemerides)
         self.configuration = configuration or CdgpsConfiguration()
         self._motion = _motion(self.configuration)
-        self._learning = LaterWork()
-        self._absolute = AbsoluteFilter(self.configuration, self._learning)
+        self._absolute = AbsoluteFilter(self.configuration)
         self._signal_reader = SignalReader(
             self.configuration.measurement_noise, self.configuration.bands
         )
         self._mask_of_table: tuple[SatelliteTable, npt.NDArray[np.bool_]] | None = None
         self._table_in_view: tuple[SatelliteTable, npt.NDArray[np.bool_], SatelliteTable] | None
         self._table_in_view = None
-        self._states_itrf: tuple[tuple[object, ...], FloatArray] | None = None
         self._relative: RelativeFilter | None = None
         self.reset()
 
     def reset(self) -> None:
         """Forget every estimate; keep the ephemerides."""
         self._forget_relative()
-        self._learning.forget()
         self._absolute.reset()
         self._time: GpsTime | None = None
-        self._ahead: _PredictionAhead | None = None
         self._last_update: GpsTime | None = None
 
     def _forget_relative(self) -> None:
@@ -179,11 +145,10 @@ class CdgpsEstimator(EstimatorInputs):
         interval = 1.0 if self._time is None else time - self._time
         if not interval > 0.0:
             raise ValueError(f"time {time}: not after the epoch before, {self._time}")
-        self._learning.do()
         table = self._ephemeris_table(time)
         signals = [self._read_signals(epoch, table) for epoch in (chief, deputy)]
-        self._predict_until(time, is_ahead=False)
-        self._ahead = None
+        if self._absolute.state is not None and self._time is not None:
+            self._predict(self._time, interval, self._thrust_within(self._time, time))
         self._thrust = [each for each in self._thrust if each.end.nanoseconds > time.nanoseconds]
         self._time = time
         if self._is_outdated(time):
@@ -194,24 +159,6 @@ class CdgpsEstimator(EstimatorInputs):
             return RelativeSolution.none(time, tuple(reasons), self._age(time))
         self._join_or_part()
         return self._update(time, interval, (chief, deputy), signals, table, laser)
-
-    @property
-    def learns_later(self) -> bool:
-        """Whether the noise is learnt after the solution of its epoch is there.
-
-        If so, the next `process` learns it, or `learn` before. A solution then leaves out what its
-        own epoch changes of the sigmas of errors, which those of the next epochs have.
-        """
-        return self._learning.is_put_off
-
-    @learns_later.setter
-    def learns_later(self, is_later: bool) -> None:
-        self._learning.do()
-        self._learning.is_put_off = is_later
-
-    def learn(self) -> None:
-        """Learn what the last epoch told of the noise, if that has been put off."""
-        self._learning.do()
 
     @property
     def _are_joint(self) -> bool:
@@ -325,53 +272,8 @@ class CdgpsEstimator(EstimatorInputs):
             noise = self.configuration.noise_relative.at_distance(norm(mean[:3]))
             covariance[6:, 6:] = np.diag(noise.sigma**2)
         clock = point.clock / SPEED_OF_LIGHT - self._absolute.clock
-        self._relative = RelativeFilter(self.configuration, mean, covariance, clock, self._learning)
+        self._relative = RelativeFilter(self.configuration, mean, covariance, clock)
         return []
-
-    def prepare(self, time: GpsTime) -> None:
-        """Predict the states of an epoch whose measurements have not all come yet.
-
-        `process` then need not do it. What is told of thrust in between counts all the same.
-        """
-        self._learning.do()
-        self._predict_until(time, is_ahead=True)
-        if self._ahead is not None and self._relative is not None:
-            self._centre_states_itrf(time)
-
-    def _predict_until(self, time: GpsTime, *, is_ahead: bool) -> None:
-        """Propagate both filters to an epoch, if that has not been done yet.
-
-        A prediction ahead of its epoch can be undone.
-        """
-        absolute, relative, ahead = self._absolute, self._relative, self._ahead
-        if absolute.state is None or self._time is None or not time > self._time:
-            return
-        thrust, attitudes = self._thrust_within(self._time, time), self._attitudes_at(time)
-        if ahead is not None:
-            is_same_thrust = list(map(id, ahead.thrust)) == list(map(id, thrust))
-            is_same_attitude = all(map(operator.is_, ahead.attitudes, attitudes))
-            if ahead.end == time and is_same_thrust and is_same_attitude:
-                return
-            self._go_back(ahead)
-        if is_ahead:
-            states = [absolute.state]
-            if relative is not None and not self._are_joint:
-                states.append(relative.state)
-            self._ahead = _PredictionAhead(
-                end=time,
-                thrust=thrust,
-                attitudes=attitudes,
-                states=[(state, state.copy()) for state in states],
-                acceleration=copy.copy(absolute.acceleration),
-            )
-        self._predict(self._time, time - self._time, thrust)
-
-    def _go_back(self, ahead: _PredictionAhead) -> None:
-        """Undo a prediction."""
-        for state, before in ahead.states:
-            state.restore(before)
-        self._absolute.acceleration = ahead.acceleration
-        self._ahead = None
 
     def _predict_motion(
         self, time: GpsTime, interval: float, thrust: list[ThrustInterval]
@@ -542,7 +444,9 @@ class CdgpsEstimator(EstimatorInputs):
         where the antennas are in the centres of mass.
         """
         assert self._relative is not None
-        states = self._centre_states_itrf(time)
+        chief = self._absolute.mean[:6]
+        centres = (chief, chief + self._relative.state.mean[:6])
+        states = np.array([self._motion.state_itrf(time, centre) for centre in centres])
         antennas = self.configuration.antennas
         if antennas is None:
             return states, None
@@ -560,20 +464,6 @@ class CdgpsEstimator(EstimatorInputs):
         self._attitudes_used = attitudes
         to_navigation = self._motion.to_itrf(time).T
         return antennas.states_itrf(states, rotations), to_navigation @ rotations
-
-    def _centre_states_itrf(self, time: GpsTime) -> FloatArray:
-        """Return position and Earth-fixed velocity of both centres of mass, m and m/s, (2, 6).
-
-        They are the same object while the states stay.
-        """
-        assert self._relative is not None
-        chief = self._absolute.mean[:6]
-        deputy = chief + self._relative.state.mean[:6]
-        key = (time, chief.tobytes(), deputy.tobytes())
-        if self._states_itrf is None or self._states_itrf[0] != key:
-            states = [self._motion.state_itrf(time, state) for state in (chief, deputy)]
-            self._states_itrf = key, np.array(states)
-        return self._states_itrf[1]
 
     def _refer_to_antennas(
         self, signals: list[SignalTable | None], seen: Geometry, rotations: FloatArray | None

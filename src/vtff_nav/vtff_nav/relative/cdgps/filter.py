@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import itertools
 import math
 from collections.abc import Callable, Mapping, Set
@@ -37,7 +36,6 @@ from vtff_nav.relative.cdgps.phase_scatter import PhaseScatter, SlipRate, epochs
 from vtff_nav.relative.cdgps.state import GaussianState, Innovation, Label
 from vtff_nav.relative.common.columns import are_all, is_any, make_table, with_columns
 from vtff_nav.relative.common.dynamics import DYNAMIC_STATES, MotionNoise, Prediction
-from vtff_nav.relative.common.later_work import LaterWork
 from vtff_nav.relative.common.measurements import SignalTable, SingleDifferences, upper_median
 from vtff_nav.relative.common.solution import (
     SOLUTION_CODE,
@@ -195,8 +193,6 @@ class RelativeFilter:
     covariance : ndarray, shape (9, 9)
     clock : float
         Receiver clock of the deputy less that of the chief, s.
-    learning : LaterWork, optional
-        Work of learning the noise for the next epochs; without it the noise is learnt at once.
     """
 
     def __init__(
@@ -205,10 +201,8 @@ class RelativeFilter:
         mean: FloatArray,
         covariance: FloatArray,
         clock: float,
-        learning: LaterWork | None = None,
     ) -> None:
         self.configuration = configuration
-        self._learning = learning or LaterWork()
         self._layer_sigmas = configuration.layer_sigmas
         self.state = GaussianState(RELATIVE_MOTION, mean, covariance)
         self.arcs = ArcBook()
@@ -544,13 +538,9 @@ class RelativeFilter:
         self._epochs += 1
         self._elapsed += interval
         if self._epochs < _EPOCHS_OF_LEARNING or self._epochs % _LEARNING_CYCLE < 2:
-            self._learning.add(
-                functools.partial(
-                    self._learn_noise, time, interval, received, sky, clock, innovation
-                )
-            )
+            self._learn_noise(time, interval, received, sky, clock, innovation)
         if self.configuration.dynamics == "orbital" and not self.scatter.is_common:
-            self._learning.add(functools.partial(self._learn_processes, measured, interval))
+            self._learn_processes(measured, interval)
         update = Update(measured, sky, innovation, excluded, degraded)
         update.has_failed = self._has_failed(innovation)
         self._epochs_without_fix = max(self._epochs_without_fix - 1, 0)

@@ -29,7 +29,6 @@ from vtff_nav.relative.cdgps.omitted_accelerations import omitted_share
 from vtff_nav.relative.cdgps.state import GaussianState, Innovation, Label
 from vtff_nav.relative.common.columns import are_all, is_any, with_columns
 from vtff_nav.relative.common.dynamics import DYNAMIC_STATES
-from vtff_nav.relative.common.later_work import LaterWork
 from vtff_nav.relative.common.measurements import Geometry, SignalTable
 from vtff_nav.relative.common.orbit_single_point import (
     Combinations,
@@ -93,15 +92,10 @@ class AbsoluteFilter:
     Parameters
     ----------
     configuration : CdgpsConfiguration
-    learning : LaterWork, optional
-        Work of learning the noise for the next epochs; without it the noise is learnt at once.
     """
 
-    def __init__(
-        self, configuration: CdgpsConfiguration, learning: LaterWork | None = None
-    ) -> None:
+    def __init__(self, configuration: CdgpsConfiguration) -> None:
         self._configuration = configuration
-        self._learning = learning or LaterWork()
         self._is_orbital = configuration.chief_motion == "orbital"
         self._mask = math.radians(configuration.elevation_mask_deg)
         self.reset()
@@ -367,7 +361,7 @@ class AbsoluteFilter:
         state.update(innovation)
         nuisance = innovation.nuisance_gain @ innovation.values
         self.clock += float(nuisance[0]) / SPEED_OF_LIGHT
-        self._learning.add(self._learn_range_sigma)
+        self._learn_range_sigma()
         if self._failures >= _RESTART_EPOCHS:
             self.reset()
 
@@ -403,8 +397,7 @@ class AbsoluteFilter:
         epochs (Ville 1939).
         """
         state = self.state
-        if state is None:  # given up since the epoch
-            return
+        assert state is not None
         labels = self._range_errors
         self._updates += 1
         if len(labels) < _FEWEST_RANGE_ERRORS or (

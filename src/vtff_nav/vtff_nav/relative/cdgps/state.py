@@ -281,17 +281,6 @@ class GaussianState:
         self.labels += other.labels
         self._number_labels()
 
-    def copy(self) -> GaussianState:
-        """Return a state that is equal and shares nothing with this one."""
-        return GaussianState(self.labels, self.mean, self.covariance)
-
-    def restore(self, other: GaussianState) -> None:
-        """Become equal to another state, whose arrays this one then has."""
-        self.mean, self.covariance = other.mean, other.covariance
-        if self.labels != other.labels:
-            self.labels = list(other.labels)
-            self._number_labels()
-
     def part(self, *kinds: str) -> GaussianState:
         """Return the members of some kinds as a state of their own (their marginal)."""
         columns = self.columns(*kinds)

@@ -268,12 +268,6 @@ class RelativeEstimator(Protocol):
     A plug-in is a class made as ``Class(setting)`` with an
     `vtff_nav.relative.common.estimator_setting.EstimatorSetting`, or, where it has an attribute
     ``Parameters`` (a frozen dataclass), as ``Class(setting, parameters)``.
-
-    A method ``prepare(time: GpsTime)`` is called, where a plug-in has it, when only a part of the
-    measurements of an epoch is there. It must change no result. Where a plug-in has a method
-    ``learn()``, its attribute ``learns_later`` is set to True in real time: `process` may then
-    leave to `learn`, which is called when the solution has been published, what only the next
-    epochs need.
     """
 
     def add_ephemeris(self, ephemeris: BroadcastEphemeris) -> None:
