@@ -307,11 +307,6 @@ class SdreControllerNode(VtffNode):
             self.fail(plugin_problem)
             return
         self.acknowledge_step(message.header.stamp, started)
-        if isinstance(self._controller, SdreController) and self._controller.has_to_prepare:
-            try:
-                self.plugin.call(self._controller.prepare_next)
-            except PluginError as error:
-                self.fail(str(error))
 
     def _control(self, message: RelativeState, stamp: int) -> tuple[ControlResult, str]:
         if message.solution == RelativeState.SOLUTION_NONE:

@@ -195,24 +195,6 @@ def test_gravity_and_delay_of_a_design_reach_the_feedforward(
     np.testing.assert_allclose(result.acceleration_rtn, held, rtol=1e-9)
 
 
-def test_what_is_prepared_after_a_command_changes_no_later_one() -> None:
-    """With another target, a gap in the stamps and a sigma out of bounds in between."""
-    design = SdreDesign("navigation_aware")
-    at_once, prepared = SdreController(design), SdreController(design)
-    generator = np.random.default_rng(3)
-    second = 0
-    for step in range(60):
-        second += 5 if step == 20 else 1
-        state = np.array([5.0, 60.0, -3.0, 0.0, -0.2, 0.1]) + 0.01 * generator.standard_normal(6)
-        target = np.array([0.0, 100.0 if step > 30 else 50.0, 0.0, 0.0, 0.0, 0.0])
-        sigma = 50.0 if step == 40 else 0.01
-        given = state, ECCENTRIC, target, second * 10**9, covariance(sigma, 0.01 * sigma)
-        expected, result = (each.control(*given) for each in (at_once, prepared))
-        prepared.prepare_next()
-        np.testing.assert_array_equal(result.acceleration_rtn, expected.acceleration_rtn)
-        assert (result.valid, result.reason) == (expected.valid, expected.reason)
-
-
 def test_feedforward_follows_a_moving_target() -> None:
     target = np.array([-1000.0, -15000.0, 300.0, 2.0, -3.0, 1.0])
     acceleration = target_acceleration(ECCENTRIC, target, 0, 1.0, 0.0)

@@ -47,9 +47,6 @@ _FLOOR = np.diag([POSITION_FLOOR**2] * 3 + [VELOCITY_FLOOR**2] * 3)
 class DeviationObserver:
     """Estimates deviation and disturbance of one deputy; see the module.
 
-    `update` and `predict` put off what no command waits for until `prepare_next`, or until it is
-    needed.
-
     Parameters
     ----------
     sample_time
@@ -67,13 +64,10 @@ class DeviationObserver:
         self._covariance: FloatArray = np.zeros((9, 9))
         self._covariance[6:, 6:] = DISTURBANCE_SIGMA**2 * np.eye(3)
         self._is_started = False
-        self._gain: FloatArray | None = None  # of an update that the covariance has not seen
-        self._coming: tuple[FloatArray, float] | None = None  # arguments of `predict`
 
     @property
     def disturbance_rtn(self) -> FloatArray:
         """Estimated disturbing acceleration, m/s2, shape (3,)."""
-        # No prediction changes it.
         return np.array(self._state[6:])
 
     def restart(self) -> None:
@@ -91,7 +85,6 @@ class DeviationObserver:
         covariance_rtn
             Covariance of the navigated state, shape (6, 6); None for the truth.
         """
-        self.prepare_next()
         noise = _FLOOR if covariance_rtn is None else _FLOOR + covariance_rtn
         if not self._is_started:
             self._is_started = True
@@ -103,7 +96,8 @@ class DeviationObserver:
         innovation_covariance = self._covariance[:6, :6] + noise
         gain = np.linalg.solve(innovation_covariance, self._covariance[:6]).T
         self._state = self._state + gain @ (deviation_rtn - self._state[:6])
-        self._gain = gain
+        covariance = self._covariance - gain @ self._covariance[:6]
+        self._covariance = 0.5 * (covariance + covariance.T)
         return np.array(self._state[:6])
 
     def predict(self, acceleration_rtn: FloatArray, mean_motion: float) -> None:
@@ -116,23 +110,6 @@ class DeviationObserver:
         mean_motion
             Mean motion of the chief, rad/s.
         """
-        if self._coming is not None:  # without a measurement since the last sample
-            self.prepare_next()
-        self._coming = acceleration_rtn, mean_motion
-
-    def prepare_next(self) -> None:
-        """Do what `update` and `predict` have put off."""
-        if self._gain is not None:
-            covariance = self._covariance - self._gain @ self._covariance[:6]
-            self._covariance = 0.5 * (covariance + covariance.T)
-            self._gain = None
-        if self._coming is not None:
-            acceleration_rtn, mean_motion = self._coming
-            self._coming = None
-            self._predict(acceleration_rtn, mean_motion)
-
-    def _predict(self, acceleration_rtn: FloatArray, mean_motion: float) -> None:
-        """Carry state and covariance over a sample; the parameters are those of `predict`."""
         self._set_mean_motion(mean_motion)
         model = MODEL_SIGMA * mean_motion * mean_motion * norm(self._state[:3])
         thrust = THRUST_SIGMA * norm(acceleration_rtn)

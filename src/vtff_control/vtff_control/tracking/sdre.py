@@ -396,19 +396,6 @@ class SdreController:
             self._observer.predict(acting, osculating_mean_motion(state_chief))
         return ControlResult(acceleration, saturated, True, degraded=degraded)
 
-    @property
-    def has_to_prepare(self) -> bool:
-        """Whether `prepare_next` does anything; a subclass with its own one overrides both."""
-        return self._observer is not None
-
-    def prepare_next(self) -> None:
-        """Do what the next state needs and the command of this one does not wait for.
-
-        Whoever has sent the command may call it; otherwise the next call of `control` does it.
-        """
-        if self._observer is not None:
-            self._observer.prepare_next()
-
     def _follow_stamp(self, stamp: int | None) -> None:
         """Empty the queue of waiting commands unless the stamp is one sample after the last."""
         if stamp is None:
