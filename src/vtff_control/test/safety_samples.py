@@ -20,7 +20,7 @@ def predict_formation(states, covariances=None, orbits=1.0):
     chief = predict_chief_motion(CHIEF, orbits)
     covariances = covariances or [COVARIANCE] * len(states)
     names = ("chief", *(f"deputy{index}" for index in range(len(states))))
-    return chief.formation(names, states, list(map(chief.position_covariances, covariances)))
+    return chief.formation(names, states, covariances)
 
 
 def heard(state, command=(0.0, 0.0, 0.0), reported=(0.0, 0.0, 0.0), chief=CHIEF):

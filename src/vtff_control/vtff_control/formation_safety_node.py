@@ -174,7 +174,6 @@ class FormationSafetyNode(VtffNode):
         self._told: dict[str, tuple[int, str]] = {}
         self._axes: dict[str, int] = {}
         self._judged = -1
-        self._taken = -1  # step whose states the monitor has, and mostly not yet its commands
         self._steps = 0
         self._incomplete = 0
         self._was_incomplete = False
@@ -243,13 +242,12 @@ class FormationSafetyNode(VtffNode):
 
     def _of_step(self, stamp: int) -> _Pending | None:
         """Return what has come for a step; None if it, or a later one, is judged already."""
-        newest = max(self._judged, self._taken - 1)
-        if stamp <= newest:
-            if newest - stamp < StampOrder.JUMP_BACK:
+        if stamp <= self._judged:
+            if self._judged - stamp < StampOrder.JUMP_BACK:
                 return None
             # The run starts anew.
             self._pending.clear()
-            self._judged = self._taken = -1
+            self._judged = -1
             self._safety.reset()
         if stamp not in self._pending:
             self._pending[stamp] = _Pending(time.monotonic(), {}, {})
@@ -269,26 +267,6 @@ class FormationSafetyNode(VtffNode):
             if complete and stamp <= max(complete):
                 self._was_incomplete = stamp not in complete
                 self._judge(stamp)
-        self._take_complete_states()
-
-    def _take_complete_states(self) -> None:
-        """Let the monitor work on the states of the next step while its commands are computed."""
-        if not self._pending:
-            return
-        stamp = min(self._pending)
-        if all(name in self._pending[stamp].states for name in self.parameters.deputies):
-            self._take_states(stamp)
-
-    def _take_states(self, stamp: int) -> None:
-        """Hand the states of a step to the monitor, once."""
-        if stamp > self._taken:
-            self._taken = stamp
-            self._safety.take_states(
-                {
-                    name: _state_input(state, self._reports[name].get(stamp))
-                    for name, state in self._pending[stamp].states.items()
-                }
-            )
 
     def _watch(self) -> None:
         """Judge steps for which something is too late; without commands thrust is off anyway."""
@@ -309,12 +287,11 @@ class FormationSafetyNode(VtffNode):
             del self._pending[stamp]
             self.acknowledge_step(to_stamp(stamp), started)
             return
-        self._take_states(stamp)
         pending = self._pending.pop(stamp)
         self._judged = stamp
         self._steps += 1
-        result = self._safety.decide(
-            {name: self._thrust_input(name, stamp, pending) for name in self._guarded}
+        result = self._safety.step(
+            {name: self._input(name, stamp, pending) for name in self._guarded}
         )
         self._decisions = result.decisions
         header_stamp = to_stamp(stamp)
@@ -333,10 +310,9 @@ class FormationSafetyNode(VtffNode):
                 self._command_publishers[name].publish(command)
         self._publish(stamp, result)
         self.acknowledge_step(header_stamp, started)
-        self._safety.prepare_next()
 
-    def _thrust_input(self, name: str, stamp: int, pending: _Pending) -> SpacecraftInput:
-        """Return what is reported of a spacecraft's thrust at a step, and commanded."""
+    def _input(self, name: str, stamp: int, pending: _Pending) -> SpacecraftInput:
+        """Return what is known of a spacecraft at a step: its state, report and command."""
         reports = self._reports[name]
         reported = reports.get(stamp)
         for old in [key for key in reports if key <= stamp]:
@@ -348,7 +324,9 @@ class FormationSafetyNode(VtffNode):
             command_rtn = np.array([linear.x, linear.y, linear.z])
             if not is_finite(command_rtn):
                 command_rtn = None
-        return SpacecraftInput(reported_rtn=reported, command_rtn=command_rtn)
+        state = pending.states.get(name)
+        navigated = SpacecraftInput() if state is None else _navigated(state)
+        return dataclasses.replace(navigated, reported_rtn=reported, command_rtn=command_rtn)
 
     def _isolate(self, name: str, decision: SpacecraftDecision, stamp: int) -> None:
         """Send the isolation command of a spacecraft where it changes."""
@@ -435,8 +413,8 @@ class FormationSafetyNode(VtffNode):
         )
 
 
-def _state_input(state: RelativeState, reported_rtn: FloatArray | None) -> SpacecraftInput:
-    """Return what is navigated of a deputy, with the report of its thrust if that is there."""
+def _navigated(state: RelativeState) -> SpacecraftInput:
+    """Return what is navigated of a deputy; nothing where the state is not usable."""
     if state.solution == RelativeState.SOLUTION_NONE:
         return SpacecraftInput()
     relative = np.concatenate((state.position, state.velocity))
@@ -445,9 +423,7 @@ def _state_input(state: RelativeState, reported_rtn: FloatArray | None) -> Space
     if not all(map(is_finite, (relative, chief, covariance))):
         return SpacecraftInput()
     is_predicted = state.solution == RelativeState.SOLUTION_PREDICTED
-    return SpacecraftInput(
-        relative, covariance, chief, reported_rtn=reported_rtn, is_predicted=is_predicted
-    )
+    return SpacecraftInput(relative, covariance, chief, is_predicted=is_predicted)
 
 
 NODE_CLASS = FormationSafetyNode

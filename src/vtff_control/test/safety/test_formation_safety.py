@@ -131,56 +131,6 @@ def test_it_does_not_matter_which_state_came_first():
     assert first.pairs == second.pairs
 
 
-@pytest.mark.parametrize("reports_early", [False, True])
-@pytest.mark.parametrize("chief_thrusts", [False, True])
-@pytest.mark.parametrize("command", [(0.0, 0.0, 0.0), (0.0, -1.4, 0.0)])
-def test_commands_may_come_after_the_states(chief_thrusts, command, reports_early):
-    """The prediction made ahead knows no command, and the command counts in full.
-
-    Preparing the next step after a decision, once or twice, changes no later decision.
-    """
-    at_once, later = (
-        FormationSafety("chief", ("one", "two"), SETTING, chief_thrusts) for _ in range(2)
-    )
-    places = {"one": relative(t=120.0), "two": relative(t=-200.0, n=50.0)}
-    for second in range(6):
-        thrust = command if second == 5 else (0.0, 0.0, 0.0)
-        inputs = {name: heard(state, thrust) for name, state in places.items()}
-        if chief_thrusts:
-            inputs["chief"] = SpacecraftInput(
-                reported_rtn=np.zeros(3), command_rtn=-np.array(thrust)
-            )
-        whole = at_once.step(inputs)
-        later.take_states(
-            {
-                name: SpacecraftInput(
-                    given.relative_rtn,
-                    given.covariance_rtn,
-                    given.state_chief_gcrf,
-                    given.reported_rtn if reports_early else None,
-                )
-                for name, given in inputs.items()
-            }
-        )
-        parts = later.decide(
-            {
-                name: SpacecraftInput(
-                    reported_rtn=given.reported_rtn, command_rtn=given.command_rtn
-                )
-                for name, given in inputs.items()
-            }
-        )
-        for _ in range(second % 3):
-            later.prepare_next()
-        assert whole.pairs == parts.pairs
-        assert [p.probability for p in whole.pairs] == [p.probability for p in parts.pairs]
-        assert {n: d.mode for n, d in whole.decisions.items()} == {
-            n: d.mode for n, d in parts.decisions.items()
-        }
-    is_moved = any(command)
-    assert (parts.decisions["one"].mode == MODE_WATCH) == is_moved
-
-
 def test_a_report_that_nobody_commanded_isolates_the_axis():
     safety = monitor()
     safety.step({"deputy": heard(relative(t=100.0), (0.0, 0.0, 0.0))})
@@ -557,14 +507,8 @@ for setting in (SETTING, SafetySetting()):
     for first, speed in ((600.0, -20.0), (2e4, 0.0)):
         safety = FormationSafety("chief", ("deputy",), setting)
         state = relative(t=first, vt=speed)
-        for step in range(40):
-            inputs = {"deputy": heard(state)}
-            if step % 2:
-                result = safety.step(inputs)
-            else:  # as where commands come later than states
-                safety.take_states(inputs)
-                result = safety.decide(inputs)
-                safety.prepare_next()
+        for _ in range(40):
+            result = safety.step({"deputy": heard(state)})
             modes.add(result.decisions["deputy"].mode)
             assert all(0.0 <= pair.probability <= 1.0 for pair in result.pairs)
             state[1] += speed

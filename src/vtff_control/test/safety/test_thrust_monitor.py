@@ -18,8 +18,7 @@ def fly(monitor, seconds, thrust, reported, sigma=1e-4, seed=1, step=1.0):
     for second in range(seconds):
         state = relative_state_rtn(*states)
         state[3:] += sigma * generator.standard_normal(3)
-        monitor.carry(before)
-        found = monitor.update(states[0], state, covariance)
+        found = monitor.update(states[0], state, covariance, before)
         if found is not None:
             return second, found
         before = np.asarray(reported(second), dtype=float)
@@ -119,8 +118,7 @@ def test_after_a_reset_the_past_does_not_count():
     fly(monitor, 30, lambda s: np.zeros(3), lambda s: np.zeros(3))
     monitor.reset()
     elsewhere = relative(t=500.0, vt=30.0)
-    monitor.carry(np.zeros(3))
-    assert monitor.update(CHIEF, elsewhere, np.zeros((6, 6))) is None
+    assert monitor.update(CHIEF, elsewhere, np.zeros((6, 6)), np.zeros(3)) is None
 
 
 def formation_monitors(thrusts, reports, seconds=40, sigma=1e-4, seed=3):
@@ -138,11 +136,13 @@ def formation_monitors(thrusts, reports, seconds=40, sigma=1e-4, seed=3):
         for index, monitor in enumerate(monitors):
             state = relative_state_rtn(states[0], states[index + 1])
             state[3:] += sigma * generator.standard_normal(3)
-            monitor.carry(
+            difference = monitor.update(
+                states[0],
+                state,
+                covariance,
                 np.asarray(reports[index + 1], dtype=float),
                 reported_chief_rtn=np.asarray(reports[0], dtype=float),
             )
-            difference = monitor.update(states[0], state, covariance)
             if difference is not None:
                 found[index] = difference
         if found:

@@ -24,14 +24,12 @@ import math
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple
 
 import numpy as np
 from scipy.special import ndtri
 
 from vtff_control.safety.escape import ClearBounds, find_escape
 from vtff_control.safety.prediction import (
-    ChiefMotion,
     FreeMotion,
     PairPrediction,
     predict_chief_motion,
@@ -282,25 +280,8 @@ class _Track(_Thruster):
         self.monitor.reset()
 
 
-class _Prepared(NamedTuple):
-    """Motion of the chief without thrust, and covariances (n, 3, 3) of the known deputies.
-
-    The steps are the states of the chief from now to the start of that motion, m and m/s. Of
-    deputies whose report came with the state, the thrust that it tells (m/s2) and the relative
-    state after the first step with it.
-    """
-
-    motion: ChiefMotion
-    position_covariances: list[FloatArray]
-    steps: FloatArray
-    begun: dict[str, tuple[FloatArray, FloatArray]]
-
-
 class FormationSafety:
     """Safety monitor of a chief and its deputies; call `step` once a step.
-
-    Or, where commands come later than states, `take_states`, then `decide`, and `prepare_next` when
-    the commands are on their way.
 
     Parameters
     ----------
@@ -340,8 +321,6 @@ class FormationSafety:
         self._chief_thruster = _Thruster()
         self._chief_thrusts = chief_thrusts
         self._chief: FloatArray | None = None
-        self._prepared: _Prepared | None = None
-        self._is_next_prepared = False
         # Covariance of the errors of positions that covariances do not contain.
         self._covariance_floor = np.zeros((6, 6))
         self._covariance_floor[:3, :3] = setting.navigation_sigma**2 * np.eye(3)
@@ -361,7 +340,7 @@ class FormationSafety:
             thrusters[name].reset()
 
     def step(self, inputs: Mapping[str, SpacecraftInput]) -> SafetyStep:
-        """Decide about the commands of a step whose states come with them.
+        """Decide about the commands of a step.
 
         Parameters
         ----------
@@ -369,52 +348,7 @@ class FormationSafety:
             Inputs of every deputy, and of a chief that thrusts, by name; a deputy that is absent
             is predicted.
         """
-        self.take_states(inputs)
-        return self.decide(inputs)
-
-    def take_states(self, inputs: Mapping[str, SpacecraftInput]) -> None:
-        """Take the navigated states of a step, and predict all that its commands do not change.
-
-        So that little is left to be done when the commands come; `decide` has to follow.
-
-        Parameters
-        ----------
-        inputs
-            As for `step`; commands are not looked at. A report that is there already saves time
-            later: it is looked at, and has to be given to `decide` again.
-        """
-        if not self._is_next_prepared:
-            self.prepare_next()
-        self._is_next_prepared = False
         self._watch_states(inputs)
-        self._prepared = None
-        if self._chief is not None and not self._chief_thrusts:
-            # A chief that never thrusts goes where no command leads it.
-            steps = self._chief_steps({}, with_command=True)
-            self._prepared = self._predict_about(steps, self._begin(inputs, steps))
-
-    def prepare_next(self) -> None:
-        """Work ahead for the step after one that is decided; `take_states` does it if nobody has.
-
-        The thrust of the step is known now: the next state is compared with where it leads.
-        A second call for the same step does nothing.
-        """
-        if self._is_next_prepared:
-            return
-        chief = self._chief_thruster
-        for track in self._tracks.values():
-            unreported = track.unreported + chief.unreported
-            track.monitor.carry(track.reported, unreported, chief.reported)
-        self._is_next_prepared = True
-
-    def decide(self, inputs: Mapping[str, SpacecraftInput]) -> SafetyStep:
-        """Decide about the commands of the step whose states were taken last.
-
-        Parameters
-        ----------
-        inputs
-            As for `step`; states are not looked at.
-        """
         for name, track in self._tracks.items():
             self._take_report(track, inputs.get(name, _NOTHING_KNOWN))
         if self._chief_thrusts:
@@ -427,17 +361,8 @@ class FormationSafety:
                 for name in self._guarded_names()
             }
             return SafetyStep(unjudged, [])
-        known = self._known_names()
-        prepared = self._prepared
-        steps = self._chief_steps(inputs, with_command=True) if prepared is None else prepared.steps
-        begun = {} if prepared is None else prepared.begun
-        states = self._states_after(known, inputs, steps, with_command=True, begun=begun)
-        if prepared is None:  # the chief goes where its command leads it
-            prepared = self._predict_about(steps, {})
-        motion = prepared.motion.formation(
-            (self._names[0], *known), states, prepared.position_covariances
-        )
-        pairs = self._pairs(motion, self._setting.bounds) if known else []
+        motion = self._motion_after(inputs, with_command=True)
+        pairs = self._pairs(motion, self._setting.bounds)
         decisions = {}
         for name, track in self._tracks.items():
             given = inputs.get(name, _NOTHING_KNOWN)
@@ -485,7 +410,13 @@ class FormationSafety:
                     track.unreported_effect = None
                 track.relative = given.relative_rtn
                 difference = track.monitor.update(
-                    self._chief, track.relative, track.covariance, given.is_predicted
+                    self._chief,
+                    track.relative,
+                    track.covariance,
+                    track.reported,
+                    track.unreported + self._chief_thruster.unreported,
+                    self._chief_thruster.reported,
+                    is_predicted=given.is_predicted,
                 )
                 if difference is not None:
                     found[name] = difference
@@ -681,56 +612,25 @@ class FormationSafety:
         thrusts = self._thrusts(self._names[0], inputs, with_command)
         return fly_chief(self._chief, np.array(thrusts).reshape(-1, 3), self._setting.step)
 
-    def _states_after(
-        self,
-        known: Sequence[str],
-        inputs: Mapping[str, SpacecraftInput],
-        chief_steps: FloatArray,
-        with_command: bool,
-        begun: Mapping[str, tuple[FloatArray, FloatArray]],
-    ) -> list[FloatArray]:
-        """Return the deputies when a command of now starts, or ends, to act."""
-        states, step = [], self._setting.step
+    def _motion_after(
+        self, inputs: Mapping[str, SpacecraftInput], with_command: bool
+    ) -> FreeMotion:
+        """Return the motion without thrust from when a command of now starts, or ends, to act."""
+        setting, known = self._setting, self._known_names()
+        chief_steps = self._chief_steps(inputs, with_command)
+        states, covariances = [], []
         for name in known:
-            relative = self._tracks[name].relative
+            track = self._tracks[name]
+            relative = track.relative
             assert relative is not None
-            reported, after = begun.get(name, (None, None))
             for number, thrust in enumerate(self._thrusts(name, inputs, with_command)):
-                if number == 0 and after is not None and thrust is reported:
-                    relative = after
-                    continue
                 relative = advance_deputy(
-                    relative, chief_steps[number], chief_steps[number + 1], thrust, step
+                    relative, chief_steps[number], chief_steps[number + 1], thrust, setting.step
                 )
             states.append(relative)
-        return states
-
-    def _begin(
-        self, inputs: Mapping[str, SpacecraftInput], steps: FloatArray
-    ) -> dict[str, tuple[FloatArray, FloatArray]]:
-        """Return the thrust of reports that are there, and the deputies after a step with it."""
-        begun = {}
-        for name, track in self._tracks.items() if self._setting.delay_steps else ():
-            reported = inputs.get(name, _NOTHING_KNOWN).reported_rtn
-            if reported is not None and track.relative is not None:
-                after = advance_deputy(
-                    track.relative, steps[0], steps[1], reported, self._setting.step
-                )
-                begun[name] = reported, after
-        return begun
-
-    def _predict_about(
-        self,
-        steps: FloatArray,
-        begun: dict[str, tuple[FloatArray, FloatArray]],
-    ) -> _Prepared:
-        """Return the motion of a chief after steps, and the covariances of the known deputies."""
-        motion = predict_chief_motion(steps[-1], self._setting.orbits)
-        covariances = []
-        for name in self._known_names():
-            covariance = self._covariance(self._tracks[name]) + self._covariance_floor
-            covariances.append(motion.position_covariances(covariance))
-        return _Prepared(motion, covariances, steps, begun)
+            covariances.append(self._covariance(track) + self._covariance_floor)
+        chief = predict_chief_motion(chief_steps[-1], setting.orbits)
+        return chief.formation((self._names[0], *known), states, covariances)
 
     def _pairs(self, motion: FreeMotion, bounds: ClearBounds) -> list[PairPrediction]:
         count = len(motion.names)
@@ -822,13 +722,7 @@ class FormationSafety:
         """Return the command of the evasive manoeuvre, or zero while every pair is clear."""
         setting = self._setting
         isolated = track.isolated.copy()
-        known = self._known_names()
-        steps = self._chief_steps({}, with_command=False)
-        states = self._states_after(known, {}, steps, with_command=False, begun={})
-        start = self._predict_about(steps, {})
-        motion = start.motion.formation(
-            (self._names[0], *known), states, start.position_covariances
-        )
+        motion = self._motion_after({}, with_command=False)
         index = motion.names.index(name)
         bounds = setting.bounds
         soonest = min(

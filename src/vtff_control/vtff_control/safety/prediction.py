@@ -317,14 +317,8 @@ class ChiefMotion:
         differences = self.flown[:, 1:7] - self.flown[:, :1]
         return np.asarray(np.swapaxes(differences, 1, 2) / _DISPLACEMENTS)
 
-    def position_covariances(self, covariance_rtn: FloatArray) -> FloatArray:
-        """Return the covariances of a relative position, m2, GCRF axes, shape (n, 3, 3).
-
-        Parameters
-        ----------
-        covariance_rtn
-            Covariance of the relative state at the start, shape (6, 6).
-        """
+    def _position_covariances(self, covariance_rtn: FloatArray) -> FloatArray:
+        """Return the covariances of a relative position, m2, GCRF axes, shape (n, 3, 3)."""
         to_position = self.position_from_relative
         # One product of all rows: a product for each moment would take four times as long.
         times_covariance = (to_position.reshape(-1, 6) @ covariance_rtn).reshape(-1, 3, 6)
@@ -334,7 +328,7 @@ class ChiefMotion:
         self,
         names: Sequence[str],
         relative_states_rtn: Sequence[FloatArray],
-        position_covariances: Sequence[FloatArray],
+        covariances_rtn: Sequence[FloatArray],
     ) -> FreeMotion:
         """Return the motion of a formation about this chief.
 
@@ -345,8 +339,8 @@ class ChiefMotion:
         relative_states_rtn
             Relative state of each deputy at the start (m, m/s, shape (6,); the frame turns about N
             alone).
-        position_covariances
-            Covariances of the positions of each deputy, by `position_covariances`.
+        covariances_rtn
+            Covariance of the relative state of each deputy at the start, shape (6, 6).
         """
         count, samples = len(relative_states_rtn), len(self.times)
         if count:
@@ -359,7 +353,7 @@ class ChiefMotion:
             )
         else:
             relative = np.zeros((1, samples, 6))
-        covariances = (np.zeros((samples, 3, 3)), *position_covariances)
+        covariances = (np.zeros((samples, 3, 3)), *map(self._position_covariances, covariances_rtn))
         return FreeMotion(self.times, tuple(names), relative, covariances, self)
 
 

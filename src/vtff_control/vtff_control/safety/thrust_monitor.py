@@ -66,10 +66,7 @@ class ThrustDifference:
 
 
 class ThrustMonitor:
-    """Watches the thruster of a deputy, and that of its chief.
-
-    Call `carry` as soon as the thrust of a step is reported, and `update` with the state at its
-    end: a command waits for the latter alone.
+    """Watches the thruster of a deputy, and that of its chief; call `update` once a step.
 
     Parameters
     ----------
@@ -95,50 +92,35 @@ class ThrustMonitor:
         self._reported = np.empty((0, 2, 3))  # of chief and deputy
         self._pushed = np.empty(0)
         self._unreported = np.empty((0, 3))
-        self._newest: tuple[FloatArray, FloatArray, FloatArray] | None = None
         self._doubts[:] = 0
-        self._look()
-
-    def carry(
-        self,
-        reported_rtn: FloatArray,
-        unreported_rtn: FloatArray | None = None,
-        reported_chief_rtn: FloatArray | None = None,
-    ) -> None:
-        """Carry the states of before over a step with the thrust that is reported for it.
-
-        Parameters
-        ----------
-        reported_rtn
-            Acceleration that the thruster reported for the step, m/s2, shape (3,).
-        unreported_rtn
-            How much more or less the thrusters may have given without a fault, m/s2, shape (3,);
-            None for nothing.
-        reported_chief_rtn
-            As ``reported_rtn``, of the chief; None for a chief that does not thrust.
-        """
-        self._keep_newest()
-        if len(self._pushed):
-            chief_rtn = np.zeros(3) if reported_chief_rtn is None else reported_chief_rtn
-            self._continue(
-                np.array([chief_rtn, reported_rtn]),
-                np.zeros(3) if unreported_rtn is None else unreported_rtn,
-            )
-        self._look()
+        self._ages: list[int] = []
+        self._residuals = np.empty((0, 3))
+        self._is_known = np.empty(0, dtype=bool)
 
     def update(
         self,
         state_chief_gcrf: FloatArray,
         relative_rtn: FloatArray,
         covariance_rtn: FloatArray,
+        reported_rtn: FloatArray,
+        unreported_rtn: FloatArray | None = None,
+        reported_chief_rtn: FloatArray | None = None,
+        *,
         is_predicted: bool = False,
     ) -> ThrustDifference | None:
-        """Take the navigated state at the end of the step over which `carry` was called.
+        """Take a navigated state and the thrust of the step that ends with it.
 
         Parameters
         ----------
         state_chief_gcrf, relative_rtn, covariance_rtn
             State of now: m and m/s, shapes (6,), (6,) and (6, 6).
+        reported_rtn
+            Acceleration that the thruster reported for the step before, m/s2, shape (3,).
+        unreported_rtn
+            How much more or less the thrusters may have given without a fault, m/s2, shape (3,);
+            None for nothing.
+        reported_chief_rtn
+            As ``reported_rtn``, of the chief; None for a chief that does not thrust.
         is_predicted
             Whether the state rests on no measurement of this step.
 
@@ -147,23 +129,34 @@ class ThrustMonitor:
         ThrustDifference or None
             None if all thrusters do what they report.
         """
+        if len(self._pushed):
+            chief_rtn = np.zeros(3) if reported_chief_rtn is None else reported_chief_rtn
+            self._continue(
+                np.array([chief_rtn, reported_rtn]),
+                np.zeros(3) if unreported_rtn is None else unreported_rtn,
+            )
+        self._ages = [age for age in self._windows if age <= len(self._pushed)]
+        anchors = [age - 1 for age in self._ages]
+        velocities = [relative_state_rtn(*self._states_gcrf[each])[3:] for each in anchors]
         variance, self._residuals, self._is_known, trips, shortest = _compare(
             relative_rtn,
             covariance_rtn.diagonal(),
             is_predicted,
-            self._velocities,
-            self._variance_then,
-            self._allowed_push,
-            self._allowed_unreported,
+            np.array(velocities).reshape(-1, 3),
+            self._variance[anchors],
+            _TOLERANCE * self._pushed[anchors],
+            self._unreported[anchors],
             self._floor,
             self._doubts,
         )
-        self._newest = state_chief_gcrf, relative_rtn, variance
-        if shortest < 0:
-            return None
-        age = self._ages[shortest]
-        chief, deputy = self._reported[age - 1]
-        return ThrustDifference(trips[shortest], self._residuals[shortest], deputy, chief, age)
+        found = None
+        if shortest >= 0:
+            chief, deputy = self._reported[anchors[shortest]]
+            found = ThrustDifference(
+                trips[shortest], self._residuals[shortest], deputy, chief, self._ages[shortest]
+            )
+        self._keep(state_chief_gcrf, relative_rtn, variance)
+        return found
 
     def residual(self, age: int) -> FloatArray | None:
         """Return the change of the velocity that nobody reports, m/s, shape (3,).
@@ -185,31 +178,17 @@ class ThrustMonitor:
                 return np.asarray(residual)
         return None
 
-    def _keep_newest(self) -> None:
-        """Put the state of the last update before those of the updates before it."""
-        if self._newest is None:
-            return
-        chief, relative, variance = self._newest
-        self._newest = None
+    def _keep(
+        self, state_chief_gcrf: FloatArray, relative_rtn: FloatArray, variance: FloatArray
+    ) -> None:
+        """Put a navigated state before those of the updates before it."""
         oldest = self._windows[-1] - 1
-        start = np.array([[chief, deputy_state_gcrf(chief, relative)]])
+        start = np.array([[state_chief_gcrf, deputy_state_gcrf(state_chief_gcrf, relative_rtn)]])
         self._states_gcrf = np.concatenate((start, self._states_gcrf[:oldest]))
         self._variance = np.concatenate((variance[np.newaxis], self._variance[:oldest]))
         self._reported = np.concatenate((np.zeros((1, 2, 3)), self._reported[:oldest]))
         self._pushed = np.concatenate((np.zeros(1), self._pushed[:oldest]))
         self._unreported = np.concatenate((np.zeros((1, 3)), self._unreported[:oldest]))
-
-    def _look(self) -> None:
-        """Look up what each window expects of the next state, and forget what the last one told."""
-        self._ages = [age for age in self._windows if age <= len(self._pushed)]
-        anchors = [age - 1 for age in self._ages]
-        velocities = [relative_state_rtn(*self._states_gcrf[each])[3:] for each in anchors]
-        self._velocities = np.array(velocities).reshape(-1, 3)
-        self._variance_then = self._variance[anchors]
-        self._allowed_push = _TOLERANCE * self._pushed[anchors]
-        self._allowed_unreported = self._unreported[anchors]
-        self._residuals = np.empty((len(anchors), 3))
-        self._is_known = np.zeros(len(anchors), dtype=bool)
 
     def _continue(self, reported_rtn: FloatArray, unreported_rtn: FloatArray) -> None:
         """Carry the states of before over a step with the reported thrust of chief and deputy."""
