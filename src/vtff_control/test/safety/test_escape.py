@@ -17,14 +17,14 @@ CAP = 1.4
 
 def fly(state, escape, start, acceleration, duration):
     """Return the smallest distance from the chief of a deputy that burns as told."""
-    burn = max(np.abs(escape.velocity_rtn) / acceleration)
+    burn = max(np.abs(escape) / acceleration)
     states = np.array([CHIEF, deputy_state_gcrf(CHIEF, state)])
     distances = []
     thrust = None
     for second in np.arange(0.0, duration, 0.5):
         if burn and start <= second < start + burn:
             if thrust is None:
-                thrust = rotation_gcrf_to_rtn(states[0]).T @ escape.velocity_rtn / burn
+                thrust = rotation_gcrf_to_rtn(states[0]).T @ escape / burn
             share = min(start + burn - second, 0.5)
             states[1, :3] += 0.5 * 0.5 * share * thrust
             states[1, 3:] += share * thrust
@@ -50,40 +50,15 @@ def test_escape_restores_the_bound(distance, side, height, speed, miss):
     motion = predict_formation([state])
     escape = find_escape(motion, 1, BOUNDS, np.full(3, CAP), 50.0, 2.0, 600.0)
     assert escape is not None
-    assert np.abs(escape.velocity_rtn).max() <= 50.0
+    assert np.abs(escape).max() <= 50.0
     # Burns of seconds are taken as impulses in their middle: a metre.
     assert fly(state, escape, 2.0, CAP, 600.0) > 30.5
-
-
-@settings(max_examples=40, deadline=None)
-@given(
-    st.floats(60.0, 1500.0),
-    st.floats(-22.0, 22.0),
-    st.floats(-30.0, 30.0),
-    st.integers(0, 729),
-    st.sampled_from([1.4, 0.05, 1e-3, 1e-4]),
-)
-def test_a_likely_manoeuvre_changes_nothing_of_whether_there_is_one(
-    distance, speed, miss, likely, cap
-):
-    motion = predict_formation([relative(t=distance, vt=-speed, n=miss)])
-    arguments = (motion, 1, BOUNDS, np.full(3, cap), 50.0, 2.0, 600.0)
-    cheapest, found = find_escape(*arguments), find_escape(*arguments, likely)
-    assert (found is None) == (cheapest is None)
-    if found is not None and found.number != likely:  # that is not clear
-        assert found.number == cheapest.number
-        np.testing.assert_array_equal(found.velocity_rtn, cheapest.velocity_rtn)
-    if found is not None:
-        again = find_escape(*arguments, found.number)
-        assert again.number == found.number
-        np.testing.assert_array_equal(again.velocity_rtn, found.velocity_rtn)
-        assert np.abs(found.velocity_rtn).max() <= 50.0
 
 
 def test_drift_is_stopped_where_that_is_enough():
     motion = predict_formation([relative(t=900.0, vt=-20.0)])
     escape = find_escape(motion, 1, BOUNDS, np.full(3, CAP), 50.0, 2.0, 600.0)
-    np.testing.assert_allclose(escape.velocity_rtn[1], 20.0, atol=0.5)
+    np.testing.assert_allclose(escape[1], 20.0, atol=0.5)
 
 
 def test_axes_without_thrust_are_not_used():
@@ -91,8 +66,8 @@ def test_axes_without_thrust_are_not_used():
     escape = find_escape(
         predict_formation([relative(t=400.0, vt=-20.0)]), 1, BOUNDS, available, 50.0, 2.0, 600.0
     )
-    assert escape.velocity_rtn[1] == 0.0
-    assert np.linalg.norm(escape.velocity_rtn) > 1.0
+    assert escape[1] == 0.0
+    assert np.linalg.norm(escape) > 1.0
 
 
 def test_a_deputy_that_cannot_is_told():
@@ -105,10 +80,10 @@ def test_other_deputies_are_kept_clear_of_too():
     """Another deputy stands where a braked one would come to rest: the way round it is taken."""
     state = relative(t=700.0, vt=-30.0)
     alone = find_escape(predict_formation([state]), 1, BOUNDS, np.full(3, CAP), 50.0, 2.0, 600.0)
-    np.testing.assert_allclose(alone.velocity_rtn[1], 30.0, atol=0.5)
+    np.testing.assert_allclose(alone[1], 30.0, atol=0.5)
     motion = predict_formation([state, relative(t=300.0)])
     around = find_escape(motion, 1, BOUNDS, np.full(3, CAP), 50.0, 2.0, 600.0)
-    assert np.abs(around.velocity_rtn[[0, 2]]).max() > 1.0
+    assert np.abs(around[[0, 2]]).max() > 1.0
 
 
 def test_a_small_evasion_turns_the_relative_vectors():
@@ -116,4 +91,4 @@ def test_a_small_evasion_turns_the_relative_vectors():
     motion = predict_formation([relative(t=300.0, vt=0.0, r=-10.0, vr=0.0)])
     horizon = float(motion.times[-1])
     escape = find_escape(motion, 1, BOUNDS, np.full(3, CAP), 50.0, 0.0, horizon)
-    assert 0.0 < np.linalg.norm(escape.velocity_rtn) < 0.2
+    assert 0.0 < np.linalg.norm(escape) < 0.2

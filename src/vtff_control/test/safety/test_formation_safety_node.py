@@ -130,12 +130,19 @@ def test_a_command_waits_for_the_report_of_the_one_before(make_node: NodeMaker) 
     assert len(published[CHECKED]) == 2
 
 
-def test_a_run_that_begins_anew_is_judged_from_its_first_second_on(make_node: NodeMaker) -> None:
+def test_a_step_that_is_never_complete_is_judged_before_the_next(make_node: NodeMaker) -> None:
+    """Its state was lost; a run that begins anew is judged from its first second on."""
     node, published = make_node()
     fly_second(node, 0, relative(t=100.0))
-    send(node, "relative_state", state(1, relative(t=100.0)))
+    send(node, "relative_state", state(2, relative(t=100.0)))
+    send(node, "control/thrust_command", acceleration(1))
+    send(node, "propulsion/thrust_applied", acceleration(2))
+    assert len(published[SAFETY]) == 1
+    send(node, "control/thrust_command", acceleration(2))
+    send(node, "relative_state", state(3, relative(t=100.0)))
     fly_second(node, -100, relative(t=100.0))
-    assert to_nanoseconds(published[SAFETY][-1].header.stamp) == EPOCH - 100 * 10**9
+    seconds = [(to_nanoseconds(each.header.stamp) - EPOCH) // 10**9 for each in published[SAFETY]]
+    assert seconds == [0, 1, 2, -100]
 
 
 def test_all_deputies_are_judged_together(make_node: NodeMaker) -> None:

@@ -15,21 +15,17 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from vtff_control.safety.prediction import FreeMotion, hermite_position, sigmas_outside
 from vtff_dynamics.compiled import compiled
 from vtff_dynamics.vectors import FloatArray
 
-__all__ = ["ClearBounds", "Escape", "find_escape"]
+__all__ = ["ClearBounds", "find_escape"]
 
 _DIRECTIONS = np.array(
     [direction for direction in itertools.product((-1.0, 0.0, 1.0), repeat=3) if any(direction)]
 )
 _LEVELS = 14
-# Manoeuvres of each kind: no step, or one of every level in every direction.
-_STEPS = 1 + _LEVELS * len(_DIRECTIONS)
-_KINDS = 2
 _DRIFT_COST = 1.5
 
 
@@ -52,25 +48,6 @@ class ClearBounds:
     clear_sigmas: float
 
 
-@dataclass(frozen=True, eq=False)
-class Escape:
-    """An evasive manoeuvre.
-
-    Attributes
-    ----------
-    velocity_rtn
-        Change of the velocity, m/s, shape (3,).
-    clear_until
-        Until when all pairs are clear, s; infinite if over the whole prediction.
-    number
-        Number of the candidate, by which another search finds it.
-    """
-
-    velocity_rtn: FloatArray
-    clear_until: float
-    number: int
-
-
 def find_escape(
     motion: FreeMotion,
     deputy: int,
@@ -79,8 +56,7 @@ def find_escape(
     velocity_limit: float,
     start: float,
     horizon: float,
-    likely: int | None = None,
-) -> Escape | None:
+) -> FloatArray | None:
     """Return the cheapest burn of a deputy after which it is clear of all others for a time.
 
     Parameters
@@ -99,57 +75,39 @@ def find_escape(
         When the burn starts, s from now.
     horizon
         How long all pairs must be clear, s from now.
-    likely
-        Number of a candidate that is tried before all others, such as that of a step ago: where it
-        is clear it is returned though it may not be the cheapest, for a tenth of the work.
 
     Returns
     -------
-    Escape or None
-        None if no candidate is clear.
+    ndarray, shape (3,), or None
+        Change of the velocity in RTN, m/s; None if no candidate is clear.
     """
     others = [index for index in range(len(motion.names)) if index != deputy]
     if not others:
-        return Escape(np.zeros(3), np.inf, 0)
+        return np.zeros(3)
     start_index = min(int(np.searchsorted(motion.times, start)), len(motion.times) - 1)
     to_rtn = motion.rotation[start_index]
     drift, mean_motion = _drift(motion, deputy, others, start_index)
-    levels = _levels(mean_motion, bounds, velocity_limit)
+    scale = mean_motion * bounds.clear_radius
+    candidates = _candidates(drift, scale, acceleration, velocity_limit)
     count = min(int(np.searchsorted(motion.times, horizon, side="right")), len(motion.times))
     soon = slice(count)
     relative = np.stack(
         [motion.relative[deputy][soon] - motion.relative[other][soon] for other in others]
     )
     covariances = np.stack([motion.pair_covariance(deputy, other, soon) for other in others])
-
-    def first_clear(numbers: npt.NDArray[np.intp], velocities: FloatArray) -> Escape | None:
-        """Return the first candidate that is clear, of those with these numbers in this order."""
-        chosen, clear_until = _first_clear(
-            motion.times[soon],
-            relative,
-            covariances,
-            motion.transition[soon],
-            velocities @ to_rtn,
-            _durations(velocities, acceleration),
-            float(start),
-            bounds.hard_radius,
-            bounds.clear_radius,
-            bounds.clear_sigmas,
-        )
-        if chosen < 0:
-            return None
-        return Escape(velocities[chosen], float(clear_until), int(numbers[chosen]))
-
-    if likely is not None:
-        number = np.array([likely])
-        velocity = _candidates(number, drift, levels, acceleration)
-        if np.abs(velocity).max() <= velocity_limit:
-            escape = first_clear(number, velocity)
-            if escape is not None:
-                return escape
-    candidates = _candidates(np.arange(_KINDS * _STEPS), drift, levels, acceleration)
-    cheapest = _by_cost(candidates, drift, velocity_limit)
-    return first_clear(cheapest, candidates[cheapest])
+    chosen = _first_clear(
+        motion.times[soon],
+        relative,
+        covariances,
+        motion.transition[soon],
+        candidates @ to_rtn,
+        _durations(candidates, acceleration),
+        float(start),
+        bounds.hard_radius,
+        bounds.clear_radius,
+        bounds.clear_sigmas,
+    )
+    return None if chosen < 0 else candidates[chosen]
 
 
 def _durations(candidates: FloatArray, acceleration: FloatArray) -> FloatArray:
@@ -184,41 +142,28 @@ def _drift(
     return np.array([*velocity, velocity[1] + 2.0 * mean_motion * position[0]]), mean_motion
 
 
-def _levels(mean_motion: float, bounds: ClearBounds, velocity_limit: float) -> FloatArray:
-    """Return the sizes of the steps of velocity on an axis, m/s, shape (1 + levels,).
-
-    The first is none.
-    """
-    smallest = mean_motion * bounds.clear_radius
-    levels = np.geomspace(0.05 * smallest, max(velocity_limit, 0.1 * smallest), _LEVELS)
-    return np.concatenate((np.zeros(1), levels))
-
-
 def _candidates(
-    numbers: npt.NDArray[np.intp], drift: FloatArray, levels: FloatArray, acceleration: FloatArray
+    drift: FloatArray, scale: float, acceleration: FloatArray, velocity_limit: float
 ) -> FloatArray:
-    """Return changes of velocity in RTN, m/s, shape (n, 3); some are larger than allowed.
+    """Return changes of velocity in RTN, m/s, each once, the cheapest first, shape (n, 3).
 
-    A number means the same kind of manoeuvre in every search: a step on top of nothing, or of the
-    change that stops the drift.
+    Parameters
+    ----------
+    drift
+        As returned by `_drift`, m/s, shape (4,).
+    scale
+        Mean motion times the clear radius, m/s.
+    acceleration, velocity_limit
+        As for `find_escape`.
     """
     available = acceleration > 0.0
-    kind, step = np.divmod(numbers, _STEPS)
-    level, direction = np.divmod(step - 1, len(_DIRECTIONS))
-    share = np.where(available, 1.0, 0.0)
-    steps = levels[level + 1, np.newaxis] * share * _DIRECTIONS[direction]
-    bases = np.stack((np.zeros(3), np.where(available, -drift[:3], 0.0)))
-    return np.where(available, bases[kind] + steps, 0.0)
-
-
-def _by_cost(
-    candidates: FloatArray, drift: FloatArray, velocity_limit: float
-) -> npt.NDArray[np.intp]:
-    """Return the numbers of the candidates that are allowed, each once, the cheapest first."""
-    allowed = np.flatnonzero(np.abs(candidates).max(axis=1) <= velocity_limit)
-    different, first = np.unique(candidates[allowed], axis=0, return_index=True)
-    cost = np.linalg.norm(different, axis=1) + _DRIFT_COST * np.abs(drift[3] + different[:, 1])
-    return np.asarray(allowed[first[np.argsort(cost, kind="stable")]])
+    levels = np.geomspace(0.05 * scale, max(velocity_limit, 0.1 * scale), _LEVELS)
+    steps = np.concatenate([np.zeros((1, 3)), *(level * _DIRECTIONS for level in levels)])
+    candidates = np.where(available, np.concatenate((steps, steps - drift[:3])), 0.0)
+    candidates = candidates[np.abs(candidates).max(axis=1) <= velocity_limit]
+    candidates = np.unique(candidates, axis=0)
+    cost = np.linalg.norm(candidates, axis=1) + _DRIFT_COST * np.abs(drift[3] + candidates[:, 1])
+    return np.asarray(candidates[np.argsort(cost, kind="stable")])
 
 
 @compiled
@@ -243,7 +188,7 @@ def _first_clear(
     hard_radius: float,
     clear_radius: float,
     clear_sigmas: float,
-) -> tuple[int, float]:
+) -> int:
     """Return the index of the first candidate that is clear over all times, or -1."""
     pieces = 3
     middle = np.empty((6, 6))
@@ -318,8 +263,8 @@ def _first_clear(
             if not is_clear:
                 break
         if is_clear:
-            return candidate, times[-1]
-    return -1, 0.0
+            return candidate
+    return -1
 
 
 @compiled

@@ -270,13 +270,11 @@ class _Track(_Thruster):
     unreported_effect: FloatArray | None = None
     passive_steps: int = 0
     missing_steps: int = 0
-    way_out: int | None = None  # number of the manoeuvre that was found to be one
 
     def reset(self) -> None:
         """Forget what was isolated, and why, and who acts."""
         super().reset()
         self.passive_steps = self.missing_steps = 0
-        self.way_out = None
         self.monitor.reset()
 
 
@@ -713,9 +711,7 @@ class FormationSafety:
             setting.velocity_limit,
             setting.reaction_time,
             setting.escape_horizon,
-            track.way_out,
         )
-        track.way_out = None if escape is None else escape.number
         return f"the last way out closes; {watched}" if escape is None else ""
 
     def _take_over(self, name: str, track: _Track) -> SpacecraftDecision:
@@ -745,14 +741,10 @@ class FormationSafety:
         velocity = None
         for horizon in horizons:
             for planning in (setting.planning_bounds, bounds):
-                escape = find_escape(
-                    motion, index, planning, available, setting.velocity_limit, 0.0, horizon
-                )
-                if escape is not None:
-                    velocity = escape.velocity_rtn
-                    break
-            if velocity is not None:
-                break
+                if velocity is None:
+                    velocity = find_escape(
+                        motion, index, planning, available, setting.velocity_limit, 0.0, horizon
+                    )
         if velocity is None:
             if soonest > setting.escape_horizon:
                 return SpacecraftDecision(MODE_HOLD, np.zeros(3), isolated, track.reason)
