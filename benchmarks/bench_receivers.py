@@ -67,9 +67,11 @@ def simulated(configuration_name: str, seconds: int) -> tuple[float, float, byte
 
 def decoded(content: bytes, to_messages: bool) -> tuple[float, int]:
     """Return epochs a second and observations of an epoch."""
+    from rclpy.serialization import serialize_message
+
     from vtff_gnss.novatel import ReceiverLogStream
     from vtff_gnss.observations import ObservationEpoch
-    from vtff_node.conversions.observation_bytes import serialize_observations
+    from vtff_node.conversions.gnss import observations_to_message
 
     best, epochs = float("inf"), []
     for _ in range(REPEATS):
@@ -81,7 +83,7 @@ def decoded(content: bytes, to_messages: bool) -> tuple[float, int]:
                 if isinstance(event, ObservationEpoch):
                     epochs.append(len(event))
                     if to_messages:
-                        serialize_observations(event, "antenna")
+                        serialize_message(observations_to_message(event, "antenna"))
         best = min(best, time.process_time() - begun)
     return len(epochs) / best, min(epochs)
 

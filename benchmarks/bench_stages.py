@@ -149,6 +149,7 @@ def print_stages() -> None:
     sys.path.insert(0, str(REPOSITORY / "src" / "vtff_sim_bridge" / "test"))
     import gnss_emulator_support as support
     import numpy as np
+    from rclpy.serialization import serialize_message
 
     from vtff_bag.file.writer import BagWriter
     from vtff_gnss.ephemeris import BroadcastEphemeris
@@ -156,7 +157,7 @@ def print_stages() -> None:
     from vtff_gnss.observations import ObservationEpoch
     from vtff_nav.relative.cdgps.configuration import CdgpsConfiguration
     from vtff_nav.relative.cdgps.estimator import CdgpsEstimator
-    from vtff_node.conversions.observation_bytes import serialize_observations
+    from vtff_node.conversions.gnss import observations_to_message
 
     motions = support.orbit_motions([support.CHIEF_GCRF, support.DEPUTY_GCRF], STAGE_SECONDS)
     run = support.Run(support.configuration("reference"), motions, LOGS)
@@ -176,7 +177,15 @@ def print_stages() -> None:
 
     events = decode()
     epochs = [[e for e in of_one if isinstance(e, ObservationEpoch)] for of_one in events]
-    messages = [serialize_observations(epoch, "antenna") for of_one in epochs for epoch in of_one]
+
+    def serialise() -> list[bytes]:
+        return [
+            serialize_message(observations_to_message(epoch, "antenna"))
+            for of_one in epochs
+            for epoch in of_one
+        ]
+
+    messages = serialise()
 
     def record() -> None:
         with tempfile.TemporaryDirectory() as folder, BagWriter(f"{folder}/bag") as writer:
@@ -192,11 +201,6 @@ def print_stages() -> None:
         begun = time.process_time()
         estimator.process(chief.time, chief, deputy)
         times.append(time.process_time() - begun)
-
-    def serialise() -> None:
-        for of_one in epochs:
-            for epoch in of_one:
-                serialize_observations(epoch, "antenna")
 
     print("| stage, alone and in warm caches | ms for a second |")
     print("|---|---|")

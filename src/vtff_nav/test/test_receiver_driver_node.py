@@ -103,11 +103,11 @@ def test_in_real_time_the_epoch_of_a_second_comes_before_its_fix(ros_context):
         for name in ("epoch", "fix", "ephemeris"):
             publisher = getattr(node._publisher, f"_{name}")
 
-            def publish_bytes(content, name=name, publish=publisher.publish_bytes):
+            def publish(message, name=name, publish=publisher.publish):
                 order.append(name)
-                publish(content)
+                publish(message)
 
-            publisher.publish_bytes = publish_bytes
+            publisher.publish = publish
         try:
             node._feed.pump()
             receiver, _ = server.accept()

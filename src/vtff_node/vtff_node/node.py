@@ -25,10 +25,10 @@ from rclpy.timer import Timer
 
 from vtff_msgs.msg import StepDone
 from vtff_node import diagnostics, parameters, qos
-from vtff_node.message_bytes import message_bytes
 from vtff_node.plugins.loading import Plugin, PluginError, PluginGroup, load_plugin
 from vtff_node.process.local_delivery import LocalDelivery
 from vtff_node.process.run_environment import PROGRESS_VARIABLE, RUN_DIRECTORY_VARIABLE
+from vtff_node.samples import SampleError, SampleReader
 from vtff_node.stamps import to_nanoseconds, to_stamp
 from vtff_node.start.awaited_inputs import AwaitedInputs
 from vtff_node.start.listeners import (
@@ -80,7 +80,6 @@ class CountingPublisher(Publisher):
     def __init__(self, publisher: Any, message_type: type, *arguments: Any, **options: Any) -> None:
         super().__init__(publisher, message_type, *arguments, **options)
         self._publish_raw: Callable[[bytes], None] = publisher.publish_raw
-        self._conversion = message_bytes(message_type)
         self._delivery = VtffNode.local_delivery
         self._receivers = (
             []
@@ -90,9 +89,7 @@ class CountingPublisher(Publisher):
 
     def publish(self, msg: Any) -> None:
         """Publish a message or serialised bytes and count it."""
-        if self._conversion is not None and type(msg) is self.msg_type:
-            self.publish_bytes(self._conversion.serialize(msg))
-        elif isinstance(msg, bytes):
+        if isinstance(msg, bytes):
             self.publish_bytes(msg)
         else:
             self.published += 1
@@ -196,6 +193,8 @@ class VtffNode(Node):
         )
         self._listener_timer: Timer | None = None
         self._has_told_lateness = False
+        #: Samples that were no messages, by topic.
+        self._dropped_samples: dict[str, int] = {}
         self.create_timer(1.0, self._on_diagnostics_timer, clock=self.steady_clock)
 
     def _declare_plugin_parameters(self, plugin: Plugin) -> Any:
@@ -312,6 +311,8 @@ class VtffNode(Node):
     ) -> Subscription:
         """Create a subscription with the profile of the pacing in force.
 
+        A sample that is no message of the type, such as one cut short, is dropped and counted.
+
         Parameters
         ----------
         message_type, topic, callback
@@ -323,17 +324,28 @@ class VtffNode(Node):
             Whether the node says that it waits for a publisher. Of a topic of the run itself,
             such as /clock, it does not.
         """
-        conversion = message_bytes(message_type)
+        reader = SampleReader(message_type)
+
+        def take(sample: bytes) -> None:
+            try:
+                message = reader.read(sample)
+            except SampleError as error:
+                self._drop_sample(subscription.topic_name, error)
+            else:
+                callback(message)
+
         subscription = self.create_subscription(
-            message_type,
-            topic,
-            callback if conversion is None else _taking_bytes(conversion.deserialize, callback),
-            qos.subscribe(self.lockstep or latched),
-            raw=conversion is not None,
+            message_type, topic, take, qos.subscribe(self.lockstep or latched), raw=True
         )
         if required and subscription.topic_name not in RUN_TOPICS:
             self._required_topics.append(subscription.topic_name)
         return subscription
+
+    def _drop_sample(self, topic: str, error: SampleError) -> None:
+        self._dropped_samples[topic] = self._dropped_samples.get(topic, 0) + 1
+        self.get_logger().warning(
+            f"a sample of {topic} is dropped: {error}", throttle_duration_sec=5.0
+        )
 
     def is_of_deputy(self, message: Any, deputy: str, topic: str) -> bool:
         """Return whether a message names the deputy that this node works for; warn if it does not.
@@ -459,7 +471,17 @@ class VtffNode(Node):
 
     def publish_diagnostics(self) -> None:
         """Publish `health` on /diagnostics; called once a second of wall time."""
-        self.publish_reports([*self.health(), *self._plugin_reports()])
+        self.publish_reports([*self.health(), *self._plugin_reports(), *self._sample_reports()])
+
+    def _sample_reports(self) -> list[DiagnosticStatus]:
+        """Return a report on samples that were no messages; empty if there were none."""
+        if not self._dropped_samples:
+            return []
+        text = f"{sum(self._dropped_samples.values())} samples dropped"
+        name = f"{self.get_name()}: samples"
+        place = self.get_namespace().strip("/")
+        counts = self._dropped_samples
+        return [diagnostics.status(name, diagnostics.WARN, text, counts, hardware_id=place)]
 
     def _plugin_reports(self) -> list[DiagnosticStatus]:
         """Return a report on a plug-in that is slower than real time; empty for a fast one."""

@@ -176,8 +176,7 @@ def test_epochs_of_a_bag_give_what_the_files_give(tmp_path, sample):
 def write_sample_bag(directory, sources, count):
     from rclpy.serialization import serialize_message
 
-    from vtff_node.conversions.gnss import ephemeris_to_message
-    from vtff_node.conversions.observation_bytes import serialize_observations
+    from vtff_node.conversions.gnss import ephemeris_to_message, observations_to_message
 
     writer = BagWriter(directory, {})
 
@@ -199,7 +198,7 @@ def write_sample_bag(directory, sources, count):
                 for ephemeris in sources.ephemerides:
                     content = serialize_message(ephemeris_to_message(ephemeris))
                     writer.write(ephemerides, content, first)
-            content = serialize_observations(epoch, f"{name}/gnss_antenna")
+            content = serialize_message(observations_to_message(epoch, f"{name}/gnss_antenna"))
             writer.write(epochs[name], content, stamp)
     writer.close()
 

@@ -25,9 +25,9 @@ from vtff_node.conversions.gnss import (
     glonass_ephemeris_to_message,
     ism_scintillation_to_message,
     ism_slant_tec_to_message,
+    observations_to_message,
     raw_log_to_message,
 )
-from vtff_node.conversions.observation_bytes import serialize_observations
 from vtff_node.node import CountingPublisher, VtffNode
 
 __all__ = ["EventPublisher"]
@@ -71,7 +71,7 @@ class EventPublisher:
         self._node = node
         self._frame_id = frame_id
         self._holds_epoch = holds_epoch
-        self._held: tuple[int, bytes] | None = None
+        self._held: tuple[int, GnssObservations] | None = None
         #: Time of the last epoch, ns since 1980-01-06 (GPS); None if it had no signal.
         self._last_nanoseconds: int | None = None
         self.published = {"epochs": 0, "fixes": 0, "ephemerides": 0, "raw logs": 0}
@@ -128,7 +128,7 @@ class EventPublisher:
         second, message = self._held
         if newest_second is None or second <= newest_second:
             self._held = None
-            self._epoch.publish_bytes(message)
+            self._epoch.publish(message)
 
     def _publish_epoch(self, epoch: ObservationEpoch) -> None:
         nanoseconds = epoch.time.nanoseconds
@@ -138,9 +138,9 @@ class EventPublisher:
             self.left_out["epochs repeated"] += 1
             return
         self.release_epoch()
+        message = observations_to_message(epoch, self._frame_id)
         self._confirm_ephemerides()
-        message = serialize_observations(epoch, self._frame_id)
-        self._high_rate.publish_bytes(message)
+        self._high_rate.publish(message)
         self._last_nanoseconds = nanoseconds if len(epoch) else None
         self.published["epochs"] += 1
         if nanoseconds % NANOSECONDS_PER_SECOND == 0:

@@ -26,7 +26,6 @@ from vtff_msgs.msg import (
     ReceiverLog,
 )
 from vtff_node.conversions import gnss as conversions
-from vtff_node.conversions.observation_bytes import serialize_observations
 from vtff_node.stamps import to_nanoseconds
 
 SECOND = 1_000_000_000
@@ -88,7 +87,7 @@ def over_the_wire(message):
 
 def observations_message(epoch, frame_id):
     """Return what a subscriber gets of an epoch."""
-    return deserialize_message(serialize_observations(epoch, frame_id), GnssObservations)
+    return over_the_wire(conversions.observations_to_message(epoch, frame_id))
 
 
 def equal(left, right):
@@ -121,19 +120,6 @@ def test_observations_come_back_as_they_were(epoch):
     assert message.header.frame_id == "chief/gnss_antenna"
     assert message.gps_week == epoch.time.week
     assert round(message.gps_time_of_week * SECOND) == epoch.time.time_of_week_nanoseconds
-
-
-@IDENTICAL
-@given(epochs(), st.text(st.characters(codec="utf-8", exclude_characters="\0"), max_size=9))
-def test_bytes_of_observations_are_those_of_ros(epoch, frame_id):
-    content = serialize_observations(epoch, frame_id)
-    message = deserialize_message(content, GnssObservations)
-    assert message.header.frame_id == frame_id
-    of_ros = serialize_message(message)
-    assert len(content) == len(of_ros)
-    # ROS leaves the bytes that align fields as they were in its memory; here they are zero.
-    assert all(one == other for one, other in zip(content, of_ros, strict=True) if one)
-    assert conversions.observations_from_message(message, log_name="RANGE") == epoch
 
 
 @IDENTICAL

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from std_msgs.msg import Header
 
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_gnss.ephemeris import BroadcastEphemeris, GlonassEphemeris
@@ -25,7 +24,6 @@ from vtff_msgs.msg import (
     Scintillation,
     SlantTec,
 )
-from vtff_node.message_bytes import message_of_fields
 from vtff_node.stamps import to_nanoseconds, to_stamp
 
 #: Frame of ephemerides and solutions: Earth-fixed, ITRF or WGS 84.
@@ -46,6 +44,34 @@ _GLONASS_FIELDS = tuple(
 )
 _FIX_FIELDS = tuple(field.name for field in dataclasses.fields(Fix) if field.name != "time")
 _VECTOR_FIELDS = ("position", "velocity", "position_sigma", "velocity_sigma")
+
+
+def observations_to_message(epoch: ObservationEpoch, frame_id: str) -> GnssObservations:
+    """Return the message of one receiver epoch; columns are copied without a loop.
+
+    Raises
+    ------
+    ValueError
+        If the columns are not all of one length, or the time does not fit a stamp.
+    TypeError
+        If a column has another element type than the message, which ROS would not notice.
+    """
+    message = GnssObservations(
+        gps_week=epoch.gps_week,
+        gps_time_of_week=epoch.gps_time_of_week,
+        time_status=epoch.time_status,
+        receiver_status=epoch.receiver_status,
+    )
+    message.header.stamp = to_stamp(epoch.time.to_unix_nanoseconds())
+    message.header.frame_id = frame_id
+    columns = epoch.columns()
+    _check_lengths(columns)
+    for name, column in columns.items():
+        if column.dtype != OBSERVATION_COLUMNS[name]:
+            expected = np.dtype(OBSERVATION_COLUMNS[name])
+            raise TypeError(f"observation column '{name}' is {column.dtype}; it must be {expected}")
+        setattr(message, name, _to_array(column.dtype.char, column))
+    return message
 
 
 def observations_from_message(message: GnssObservations, log_name: str = "") -> ObservationEpoch:
@@ -114,16 +140,13 @@ def glonass_ephemeris_from_message(message: GlonassEphemerisMessage) -> GlonassE
 
 def fix_to_message(fix: Fix) -> GnssFix:
     """Return the message of the receiver's own solution."""
-    fields = {name: getattr(fix, name) for name in _FIX_FIELDS}
-    fields.update({name: np.array(fields[name], dtype=np.float64) for name in _VECTOR_FIELDS})
-    stamp = to_stamp(fix.time.to_unix_nanoseconds())
-    message: GnssFix = message_of_fields(
-        GnssFix,
-        header=message_of_fields(Header, stamp=stamp, frame_id=EARTH_FRAME),
+    message = GnssFix(
         gps_week=fix.gps_week,
         gps_time_of_week=fix.gps_time_of_week,
-        **fields,
+        **{name: getattr(fix, name) for name in _FIX_FIELDS},
     )
+    message.header.stamp = to_stamp(fix.time.to_unix_nanoseconds())
+    message.header.frame_id = EARTH_FRAME
     return message
 
 
