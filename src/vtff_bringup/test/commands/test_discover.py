@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import shutil
 import subprocess
 import sys
 
@@ -203,6 +204,45 @@ def test_a_scenario_is_checked_before_anything_starts(changed, expected, tmp_pat
     line = result.output.replace("\n", " ")
     assert "wrong.yaml" in line and expected in line
     assert not (tmp_path / "run").exists()
+
+
+def test_a_wrong_scenario_is_named_by_shipped_and_own_system_files(tmp_path, monkeypatch):
+    from vtff_bringup.commands import run as command
+
+    monkeypatch.setattr(command, "run_system", lambda *_, **__: pytest.fail("it started"))
+    config = tmp_path / "config"
+    shutil.copytree(find_system_file("formation_three").resolve().parents[1], config)
+    text = (config / "scenario/formation_three.yaml").read_text(encoding="utf-8")
+    wrong = tmp_path / "wrong.yaml"
+    wrong.write_text(
+        text.replace("position_relative_rtn: [0.0,", "position_relative_rtn: [.nan,", 1),
+        encoding="utf-8",
+    )
+    own = (config / "system/formation_three.yaml").rename(config / "system/own.yaml")
+    outputs = set()
+    for system in ("formation_three", own):
+        result = run("run", system, f"scenario:={wrong}", "--out", tmp_path / "run")
+        assert result.exit_code == 2, result.output
+        outputs.add(result.output)
+    (line,) = outputs
+    assert "wrong.yaml" in line and "position_relative_rtn" in line
+
+
+def test_a_wrong_parameter_of_a_system_file_names_file_node_and_parameter(tmp_path, monkeypatch):
+    from vtff_bringup.commands import run as command
+
+    monkeypatch.setattr(command, "run_system", lambda *_, **__: pytest.fail("it started"))
+    config = tmp_path / "config"
+    shutil.copytree(find_system_file("reference_software").resolve().parents[1], config)
+    own = config / "system/own.yaml"
+    shipped = (config / "system/reference_software.yaml").read_text(encoding="utf-8")
+    line = "      target_position_rtn: ${deputy.target.position_relative_rtn}\n"
+    assert line in shipped
+    own.write_text(shipped.replace(line, f"{line}      acceleration_cap: -1.0\n"), encoding="utf-8")
+    result = run("run", own, "--out", tmp_path / "run")
+    assert result.exit_code == 2, result.output
+    for part in ("own.yaml", "/deputy/sdre_controller", "acceleration_cap", "-1.0"):
+        assert part in result.output.replace("\n", "")
 
 
 @pytest.mark.parametrize(

@@ -121,8 +121,8 @@ def run(
         stack.enter_context(exit_on_run_errors(console, run_directory))
         description = load_system(path, order.overrides, settings)
         check_host(description, host)
+        check_files(description)
         check_parameters(description, order.overrides)
-        check_files(description, order.overrides)
         session: HostSession | None = None
         if host is not None:
             session, order = stack.enter_context(

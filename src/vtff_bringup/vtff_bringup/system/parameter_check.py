@@ -11,37 +11,35 @@ from vtff_bringup.system.description import NodeDescription, SystemDescription
 from vtff_bringup.system.errors import SystemFileError
 from vtff_bringup.system.overrides import parse_override
 from vtff_bringup.system.references import NUMBER_OF_DEPUTIES
-from vtff_node.executables import ExecutableNotFoundError, node_class, share_folder
+from vtff_node.executables import ExecutableNotFoundError, node_class
 
 __all__ = ["check_files", "check_parameters", "parameter_tables"]
 
 
 def check_parameters(system: SystemDescription, overrides: Sequence[str]) -> None:
-    """Check names and values of the parameters that a user gives.
+    """Check names and values of the parameters of all nodes.
 
-    Those are the nodes that the overrides name, and all nodes of a system file that is not
-    installed with vtff: each needs its module to be imported. A node that has no table of
-    parameters (`vtff_node.executables.node_class`) checks its parameters itself.
+    A node that has no table of parameters (`vtff_node.executables.node_class`) checks its
+    parameters itself. Files that parameters refer to are checked before (`check_files`).
 
     Raises
     ------
     SystemFileError
-        If a node has no such parameter, or a value is not allowed; one line with the node.
+        If a node has no such parameter, or a value is not allowed; one line with the node, and
+        with the system file unless the overrides name the node.
     """
     named = {parse_override(text)[0].partition(".")[0].strip("/") for text in overrides}
-    is_shipped = _is_shipped(system)
     for node in system.nodes:
-        name = node.qualified_name.strip("/")
-        if is_shipped and not named & {node.name, name}:
-            continue
-        _check_node(node)
+        try:
+            _check_node(node)
+        except SystemFileError as error:
+            if named & {node.name, node.qualified_name.strip("/")}:
+                raise
+            raise SystemFileError(f"{system.path}: {error}") from error
 
 
-def check_files(system: SystemDescription, overrides: Sequence[str]) -> None:
+def check_files(system: SystemDescription) -> None:
     """Check scenario and emulated receivers of a system, so that no process starts for a wrong one.
-
-    The receivers are those of a file that the overrides name, or of a system file that is not
-    installed with vtff, where they are emulated.
 
     Raises
     ------
@@ -51,9 +49,8 @@ def check_files(system: SystemDescription, overrides: Sequence[str]) -> None:
     arguments = system.arguments
     if "scenario" in arguments:
         _check_scenario(system)
-    is_given = "gnss" in {parse_override(text)[0] for text in overrides} or not _is_shipped(system)
     is_emulated = any(process.executable == "simgen_emulator" for process in system.processes)
-    if is_given and arguments.get("gnss") and is_emulated:
+    if arguments.get("gnss") and is_emulated:
         from vtff_sim_bridge.gnss.configuration import load_gnss_configuration
 
         try:
@@ -124,12 +121,3 @@ def parameter_tables(package: str, executable: str, values: dict[str, Any]) -> l
         if plugin.parameter_table is not None:
             tables.append(plugin.parameter_table)
     return tables
-
-
-def _is_shipped(system: SystemDescription) -> bool:
-    try:
-        folder = share_folder("vtff_bringup") / "config" / "system"
-    except ExecutableNotFoundError:
-        return False
-    shipped = folder / system.path.name
-    return shipped.is_file() and shipped.resolve() == system.path.resolve()
