@@ -12,7 +12,9 @@ import datetime
 import functools
 import re
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, overload
+from typing import overload
+
+import brahe
 
 from vtff_dynamics.constants import (
     NANOSECONDS_PER_SECOND,
@@ -21,9 +23,6 @@ from vtff_dynamics.constants import (
     TT_MINUS_GPS_NANOSECONDS,
     UNIX_TIME_OF_GPS_EPOCH,
 )
-
-if TYPE_CHECKING:
-    import brahe
 
 __all__ = ["TIME_SCALES", "GpsTime", "leap_seconds", "leap_seconds_at_unix", "parse_epoch"]
 
@@ -156,9 +155,6 @@ class GpsTime:
 
         The readings of a brahe epoch (`unix_timestamp`, `gps_date`) are good to some microseconds.
         """
-        # Many nodes have times and never propagate an orbit: brahe takes a while to import.
-        import brahe
-
         return brahe.Epoch.from_gps_date(self.week, self.time_of_week)
 
     def julian_date_tt(self) -> tuple[float, float]:
