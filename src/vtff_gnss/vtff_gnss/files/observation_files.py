@@ -7,24 +7,21 @@ import re
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from vtff_gnss.constants import SYSTEM_LETTERS
 from vtff_gnss.ephemeris import BroadcastEphemeris
 from vtff_gnss.fix import STATUS_NONE, Fix
+from vtff_gnss.novatel import ReceiverLogStream, StreamCounters
+from vtff_gnss.novatel.events import Event
+from vtff_gnss.novatel.stream import RawLogs
 from vtff_gnss.observation_table import ObservationTable
 from vtff_gnss.observations import ObservationEpoch
 from vtff_gnss.rinex.compressed_file import is_hatanaka, is_rinex, read_decompressed
 from vtff_gnss.rinex.errors import RinexError
 from vtff_gnss.rinex.navigation import parse_rinex_navigation
 from vtff_gnss.rinex.observation import parse_rinex_observation
-
-if TYPE_CHECKING:
-    from vtff_gnss.novatel import StreamCounters
-    from vtff_gnss.novatel.events import Event
-    from vtff_gnss.novatel.stream import RawLogs
 
 __all__ = [
     "ObservationFile",
@@ -150,7 +147,7 @@ def open_ephemerides(
         if is_rinex(content):
             ephemerides = parse_rinex_navigation(content, path, systems).ephemerides
         elif _NOVATEL_START.search(content):
-            events = _novatel_events(content, _new_counters(), None)
+            events = _novatel_events(content, StreamCounters(), None)
             ephemerides = tuple(
                 event
                 for event in events
@@ -186,7 +183,7 @@ def check_receiver_log(path: str | pathlib.Path) -> None:
         raise ObservationFileError(str(error)) from None
     if is_rinex(content):
         raise ObservationFileError(f"{path}: a RINEX file; a NovAtel log is required here")
-    counters = _new_counters()
+    counters = StreamCounters()
     for _ in _novatel_events(content, counters, None, raw_logs="all"):
         if counters.frames_good:
             return
@@ -231,7 +228,7 @@ def _open_novatel(
     signals: Collection[str] | None,
     progress: Progress | None,
 ) -> ObservationFile:
-    counters = _new_counters()
+    counters = StreamCounters()
     events = list(_novatel_events(content, counters, progress))
     epochs = [event for event in events if isinstance(event, ObservationEpoch)]
     if not epochs:
@@ -267,21 +264,12 @@ def _open_novatel(
     )
 
 
-def _new_counters() -> StreamCounters:
-    # Imported here, because files of RINEX need nothing of it.
-    from vtff_gnss.novatel import StreamCounters
-
-    return StreamCounters()
-
-
 def _novatel_events(
     content: bytes,
     counters: StreamCounters,
     progress: Progress | None,
     raw_logs: RawLogs = "none",
 ) -> Iterator[Event]:
-    from vtff_gnss.novatel import ReceiverLogStream
-
     stream = ReceiverLogStream(counters=counters, raw_logs=raw_logs)
     for start in range(0, len(content), _CHUNK_LENGTH):
         yield from stream.feed(content[start : start + _CHUNK_LENGTH])

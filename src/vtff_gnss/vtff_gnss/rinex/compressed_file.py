@@ -13,6 +13,8 @@ import zipfile
 import zlib
 from typing import Protocol
 
+import hatanaka
+
 from vtff_gnss.rinex.errors import RinexError
 
 __all__ = [
@@ -91,8 +93,6 @@ def decompress(content: bytes, path: str | pathlib.Path) -> bytes:
             with bz2.BZ2File(io.BytesIO(content)) as packed:
                 return _read_bounded(packed, content, path)
         if content.startswith(_COMPRESS):
-            import hatanaka  # here, because it takes a while and few files need it
-
             return bytes(hatanaka.decompress(content))
         if content.startswith(_ZIP):
             return _unzip(content, path)
@@ -134,8 +134,6 @@ def decompress_hatanaka(content: bytes, path: str | pathlib.Path) -> tuple[bytes
     RinexError
         If the file is damaged or incomplete.
     """
-    import hatanaka  # see `decompress`
-
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         try:
