@@ -42,7 +42,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -60,6 +60,7 @@ from vtff_iono.bias.pair_equations import (
     satellite_pairs,
     solve_pairs,
 )
+from vtff_iono.bias.profile_bias import ProfileBiases, profile_biases
 from vtff_iono.geometry.mapping import (
     LOWEST_ORBIT,
     distinct_positions,
@@ -67,9 +68,6 @@ from vtff_iono.geometry.mapping import (
     shell_height,
     thin_shell_mapping,
 )
-
-if TYPE_CHECKING:
-    from vtff_iono.bias.profile_bias import ProfileBiases
 
 __all__ = ["BiasEstimate", "ReceiverBias", "content_sigma", "estimate_receiver_biases"]
 
@@ -229,9 +227,6 @@ def estimate_receiver_biases(
     count = count_pairs(samples.time[is_high])
     if count < _FEWEST_PAIRS:
         raise ReceiverBiasError(_describe_few(count, max(_ELEVATIONS_DEG)))
-    # Imported here: sparse matrices of scipy take a while, and a receiver at rest has no profile.
-    from vtff_iono.bias.profile_bias import profile_biases
-
     search = None if before is None else before.search
     profile = profile_biases(all_elevations, altitude_of_all, search)
     biases = _combine_models(

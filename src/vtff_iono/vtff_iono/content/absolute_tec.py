@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -21,6 +20,7 @@ from vtff_gnss.ephemeris import BroadcastEphemeris
 from vtff_gnss.orbits.ephemeris_selection import stores_by_system
 from vtff_gnss.orbits.satellite_table import SatelliteOrbits
 from vtff_iono.bias.bias_samples import BiasSamples, ReceiverBiasError
+from vtff_iono.bias.profile_bias import ProfileBiases
 from vtff_iono.bias.receiver_bias import ReceiverBias, content_sigma, estimate_receiver_biases
 from vtff_iono.content.slant_tec import (
     WITHOUT_CONTENT,
@@ -36,9 +36,6 @@ from vtff_iono.geometry.vertical_mapping import vertical_mapping
 from vtff_iono.geometry.wind_up import count_wind_up, wind_up_cycles
 from vtff_iono.links.arcs import arc_keys
 from vtff_iono.links.signal_pairs import DEFAULT_PAIRS, Link, SignalPair
-
-if TYPE_CHECKING:
-    from vtff_iono.bias.profile_bias import ProfileBiases
 
 __all__ = ["AbsoluteTec", "BiasKey", "absolute_tec"]
 

@@ -9,7 +9,7 @@ sigma is the scatter of these differences, and what is particular to an arc.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -17,10 +17,8 @@ import numpy.typing as npt
 from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
 from vtff_dynamics.vectors import FloatArray
 from vtff_iono.bias.bias_samples import DECIMALS_TECU
-
-if TYPE_CHECKING:
-    from vtff_iono.bias.expected_contents import ExpectedContents
-    from vtff_iono.bias.profile_bias import ProfileBiases
+from vtff_iono.bias.expected_contents import ExpectedContents
+from vtff_iono.bias.profile_bias import ProfileBiases
 
 __all__ = ["ArcContents", "ArcOffsets"]
 

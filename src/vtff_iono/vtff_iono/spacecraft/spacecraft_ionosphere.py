@@ -11,7 +11,7 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -24,6 +24,7 @@ from vtff_gnss.orbits.ephemeris_selection import EphemerisStore, validity_interv
 from vtff_gnss.signals import SignalKey
 from vtff_iono.bias.bias_samples import ReceiverBiasError
 from vtff_iono.bias.code_biases import CodeBiasTable, broadcast_code_biases
+from vtff_iono.bias.profile_bias import ProfileBiases
 from vtff_iono.bias.receiver_bias import ReceiverBias, content_sigma, estimate_receiver_biases
 from vtff_iono.content.rate_of_tec import RateOfTecMonitor, RateOfTecWindow
 from vtff_iono.content.slant_tec import Rejection, SlantTecProcessor, SlantTecRows, SlantTecSettings
@@ -43,9 +44,6 @@ from vtff_iono.spacecraft.bias_sample_window import (
     BiasSampleWindow,
     bias_group,
 )
-
-if TYPE_CHECKING:
-    from vtff_iono.bias.profile_bias import ProfileBiases
 
 __all__ = [
     "ObservationBlock",
