@@ -20,6 +20,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+from scipy.optimize import brentq
 
 from vtff_dynamics.frames.rtn import angular_velocity_rtn
 from vtff_dynamics.relative.motion import hcw_input_matrix, hcw_transition_matrix
@@ -69,8 +70,6 @@ def potential_gradient(positions_neighbours: npt.ArrayLike, position: npt.ArrayL
 
 def equilibrium_distance() -> float:
     """Return the distance of highest potential about one neighbour, m."""
-    # Imported here: it takes long, and reports of all runs import this module.
-    from scipy.optimize import brentq
 
     def slope(r: float) -> float:
         return 6.0 * _AVOIDANCE / r**7 - _ATTRACTION / _LENGTH * math.exp(-r / _LENGTH)
