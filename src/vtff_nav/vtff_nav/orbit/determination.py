@@ -24,6 +24,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
+from scipy.linalg import solve_triangular
 
 from vtff_dynamics.constants import GM_EARTH
 from vtff_dynamics.frames.rtn import rotation_gcrf_to_rtn
@@ -163,8 +164,6 @@ def determine_orbit(
         If the fixes are fewer than five, not finite, not in steps of the model or shorter than an
         orbit, or the search does not converge.
     """
-    from scipy.linalg import solve_triangular
-
     model = model or OrbitFitModel()
     steps, fixes = _check_fixes(seconds, fixes_gcrf, model.step)
     mean, rate = mean_elements(elements_from_state(fixes[0])), 0.0
