@@ -15,6 +15,7 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
+from vtff_dynamics.time.timescales import GpsTime, leap_seconds
 from vtff_sim_bridge.simremote.language import (
     Command,
     Reply,
@@ -408,9 +409,6 @@ class ScenarioMachine:
         return str(self._gps_seconds())
 
     def _utc_time_text(self, command: Command) -> str:
-        # Imported here because it takes a good part of the start-up time and is seldom needed.
-        from vtff_dynamics.time.timescales import GpsTime, leap_seconds
-
         seconds = self._gps_seconds()
         seconds -= leap_seconds(GpsTime(seconds * NANOSECONDS_PER_SECOND))
         milliseconds = self._time // 1_000_000 % 1000

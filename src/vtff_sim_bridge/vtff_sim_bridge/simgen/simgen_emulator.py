@@ -9,17 +9,18 @@ import os
 import signal
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from vtff_node.process.lifeline import watch_lifeline
 from vtff_node.process.stop_signals import handle_stop_signals
+from vtff_sim_bridge.gnss.configuration import (
+    GnssConfiguration,
+    assign_vehicles,
+    load_gnss_configuration,
+)
 from vtff_sim_bridge.simgen.emulator_state import CLOCK_MODES, ScenarioMachine
+from vtff_sim_bridge.simgen.gnss_emulation import GnssEmulation
 from vtff_sim_bridge.simgen.simremote_server import SimRemoteServer
 from vtff_sim_bridge.simremote.language import DEFAULT_PORT
-
-if TYPE_CHECKING:
-    from vtff_sim_bridge.gnss.configuration import GnssConfiguration
-    from vtff_sim_bridge.simgen.gnss_emulation import GnssEmulation
 
 _EXIT_REFUSED = 2  # a file or an option is wrong
 LOGGER = logging.getLogger("simgen_emulator")
@@ -100,10 +101,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _gnss_emulation(machine: ScenarioMachine, options: argparse.Namespace) -> GnssEmulation:
     """Return the receivers that the options ask for."""
-    # Imported here, because without receivers the emulator starts without numpy.
-    from vtff_sim_bridge.gnss.configuration import assign_vehicles, load_gnss_configuration
-    from vtff_sim_bridge.simgen.gnss_emulation import GnssEmulation
-
     configuration = load_gnss_configuration(options.gnss, options.seed)
     if options.spacecraft:
         if len(options.spacecraft) != len(options.vehicles):

@@ -8,9 +8,9 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
+from vtff_dynamics.time.timescales import GpsTime
 from vtff_sim_bridge.simremote.language import (
     DEFAULT_PORT,
     Reply,
@@ -22,9 +22,6 @@ from vtff_sim_bridge.simremote.language import (
     parse_reply,
 )
 from vtff_sim_bridge.simremote.motion import MotionState
-
-if TYPE_CHECKING:
-    from vtff_dynamics.time.timescales import GpsTime
 
 LOGGER = logging.getLogger("simremote_client")
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from vtff_dynamics.vectors import FloatArray
 
@@ -74,9 +75,6 @@ class DrawnGeometry:
 
     def turned(self, state_gcrf: FloatArray, state_chief_gcrf: FloatArray) -> FloatArray:
         """Return a state (6,) with the orbits turned; `state_chief_gcrf` is that of the file."""
-        # Imported here: scipy.spatial takes 0.3 s, and few scenarios are drawn.
-        from scipy.spatial.transform import Rotation
-
         normal = np.cross(state_chief_gcrf[:3], state_chief_gcrf[3:])
         along = Rotation.from_rotvec(self.orbit_angle * normal / np.linalg.norm(normal))
         rotation = Rotation.from_rotvec([0.0, 0.0, self.node_angle]) * along

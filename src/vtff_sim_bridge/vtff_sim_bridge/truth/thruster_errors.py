@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+from scipy.spatial.transform import Rotation
 
 from vtff_dynamics.vectors import FloatArray
 
@@ -80,9 +81,6 @@ class ThrusterErrors:
     """
 
     def __init__(self, model: ThrusterErrorModel, seed: int, spacecraft: str) -> None:
-        # Imported here: scipy.spatial takes 0.3 s, and few scenarios have errors of a thruster.
-        from scipy.spatial.transform import Rotation
-
         self._model = model
         self._address = (seed, zlib.crc32(spacecraft.encode()))
         axis = self._generator(_AXIS_STREAM).standard_normal(3)
