@@ -94,8 +94,8 @@ def test_a_follower_waits_for_the_clock_and_says_so(ros_context, log):
     node.destroy_node()
 
 
-def test_in_real_time_the_epoch_of_a_second_comes_before_its_fix(ros_context):
-    """A command waits for the epoch; the ephemerides that it needs are published before it."""
+def test_in_real_time_the_epoch_of_a_second_comes_after_its_fix_and_its_ephemerides(ros_context):
+    """As in lockstep: who acts on the epoch has all of its second."""
     with socket.create_server(("127.0.0.1", 0)) as server:
         port = f"tcp://127.0.0.1:{server.getsockname()[1]}"
         node = driver(ros_context, "live", port=port, silence_timeout=1e6)
@@ -114,12 +114,12 @@ def test_in_real_time_the_epoch_of_a_second_comes_before_its_fix(ros_context):
             with receiver:
                 receiver.sendall(receiver_log(1))
                 deadline = time.monotonic() + 20.0
-                while "fix" not in order and time.monotonic() < deadline:
+                while "epoch" not in order and time.monotonic() < deadline:
                     node._feed.pump()
         finally:
             node.on_stop()
             node.destroy_node()
-    assert order == ["ephemeris"] * 3 + ["epoch", "fix"]
+    assert order == ["ephemeris"] * 3 + ["fix", "epoch"]
 
 
 def fix_in_the_middle(content):

@@ -11,7 +11,6 @@ from rosgraph_msgs.msg import Clock
 
 from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
 from vtff_dynamics.time.timescales import GpsTime
-from vtff_gnss.fix import Fix
 from vtff_gnss.novatel import ReceiverLogStream
 from vtff_msgs.srv import SendCommand
 from vtff_nav.receiver.driver_parameters import ReceiverDriverParameters
@@ -101,20 +100,12 @@ class LiveFeed:
         if self._is_closed:
             return
         now = self._pumped_at = time.monotonic()
-        events = self._receiver.advance(now)
-        fixes: list[Fix] = []
         try:
-            for event in events:
-                # In real time a command waits for the epoch, and nothing waits for the fix.
-                if isinstance(event, Fix) and not self._node.lockstep:
-                    fixes.append(event)
-                else:
-                    self._publisher.publish(event)
+            for event in self._receiver.advance(now):
+                self._publisher.publish(event)
             self._publisher.release_epoch(
                 None if self._receiver.is_quiet(now) else self._receiver.newest_end
             )
-            for fix in fixes:
-                self._publisher.publish(fix)
         except ValueError as error:  # a time that no stamp can hold
             self._node.fail(f"{self._port_name}: {error}")
             return
