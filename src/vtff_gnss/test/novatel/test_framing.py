@@ -19,8 +19,8 @@ from hypothesis import strategies as st
 from vtff_gnss.ephemeris import BroadcastEphemeris
 from vtff_gnss.fix import Fix
 from vtff_gnss.novatel import CommandResponse, RawLog, ReceiverLogStream, read_log
-from vtff_gnss.novatel.framing import crc32_novatel, ends_with_log
-from vtff_gnss.novatel.message_ids import ID_RANGE, ID_TIME, PAYLOAD_LAYOUTS, PayloadLayout
+from vtff_gnss.novatel.framing import crc32_novatel
+from vtff_gnss.novatel.message_ids import PAYLOAD_LAYOUTS, PayloadLayout
 from vtff_gnss.observations import ObservationEpoch
 
 FRAMES = [
@@ -38,13 +38,6 @@ ASCII_TIME = ascii_log(
     b"TIMEA,COM1,0,50.0,FINESTEERING,2200,345600.000,00000000,9924,16809;"
     b"VALID,-1.5e-08,2.5e-09,-18.0,2022,3,10,0,0,0,VALID"
 )
-
-
-def test_the_end_of_a_log_is_found_at_its_last_byte_only():
-    content = FRAMES[0] + FRAMES[1]
-    ends = [n for n in range(len(content) + 1) if ends_with_log(content[:n], ID_RANGE)]
-    assert ends == [len(FRAMES[0]), len(content)]
-    assert not ends_with_log(content, ID_TIME)
 
 
 def test_crc_equals_bitwise_definition():

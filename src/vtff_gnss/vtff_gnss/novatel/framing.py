@@ -30,7 +30,6 @@ __all__ = [
     "FrameScanner",
     "StreamCounters",
     "crc32_novatel",
-    "ends_with_log",
 ]
 
 MAX_OTHER_PAYLOAD = 8192
@@ -50,24 +49,12 @@ _SYNC_BINARY = 0xAA
 _SYNC_LONG = 0x12
 _SYNC_RESPONSE = ord("<")
 
-_LONG_START = b"\xaa\x44\x12"
 _FRAME_START = re.compile(rb"\xaa\x44[\x12\x13]|[#%][A-Z]|<(?:OK|ERROR)")
 _LONGEST_START = len(b"<ERROR")
 _LINE_END = re.compile(rb"[\x00-\x1f\x7f-\xff]")
 _ASCII_CRC = re.compile(rb"\*([0-9A-Fa-f]{8})")
 _UINT32 = struct.Struct("<I")
 _ID_TYPE_LENGTH = struct.Struct("<HBxH")
-
-
-def ends_with_log(content: bytes | bytearray, message_id: int) -> bool:
-    """Return whether bytes end with a whole long binary frame of a log; its CRC is not checked."""
-    start = content.rfind(_LONG_START)
-    if not 0 <= start <= len(content) - MIN_HEADER_LENGTH:
-        return False
-    found_id, _, payload_length = _ID_TYPE_LENGTH.unpack_from(content, start + len(_LONG_START) + 1)
-    header_length = content[start + len(_LONG_START)]
-    end = start + header_length + payload_length + CRC_LENGTH
-    return bool(found_id == message_id and end == len(content))
 
 
 class FrameFormat(enum.Enum):

@@ -51,14 +51,10 @@ class LiveReceiver:
         return self._watch.is_quiet(now)
 
     def advance(self, now: float) -> list[Event]:
-        """Advance the session and return the decoded events; `now` in s.
-
-        Nothing is waited for but the rest of a second of lockstep whose bytes are underway.
-        """
+        """Advance the session without waiting and return the decoded events; `now` in s."""
         bytes_before = self.session.bytes_received
         was_running = self.session.is_running
-        awaited_log = self._watch.awaited_log if was_running else None
-        events = self.session.advance(now, awaited_log)
+        events = self.session.advance(now)
         byte_count = self.session.bytes_received - bytes_before
         is_dialogue = not (was_running and self.session.is_running)
         self._watch.read(byte_count, events, now, is_dialogue=is_dialogue)

@@ -7,7 +7,6 @@ takes several exchanges with the receiver is a procedure of a `CommandDialogue`.
 from __future__ import annotations
 
 import enum
-import select
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -18,7 +17,6 @@ from vtff_gnss.novatel import (
     ReceiverLogStream,
     ReceiverVersion,
 )
-from vtff_gnss.novatel.framing import ends_with_log
 from vtff_nav.receiver.command_dialogue import CommandDialogue, Procedure
 from vtff_nav.receiver.live_port import LivePort, PortError
 
@@ -42,9 +40,6 @@ UNINTELLIGIBLE_BYTES_LATER = 2048
 LONGEST_PATIENCE = 8.0
 #: Largest number of reads in one call, so that a flood of bytes does not block the caller.
 READS_PER_CALL = 64
-#: Wall time for which a read of a whole second waits for its next bytes, s. A pseudo-terminal holds
-#: a part of a second only, so that its sender and the reader take turns.
-GATHER_TIME = 0.005
 
 
 class SessionState(enum.Enum):
@@ -192,17 +187,13 @@ class ReceiverSession:
         """Number of times that the port was opened again."""
         return max(0, self.connections - 1)
 
-    def advance(self, now: float, awaited_log: int | None = None) -> list[Event]:
+    def advance(self, now: float) -> list[Event]:
         """Read and send without waiting, and return the decoded events.
 
         Parameters
         ----------
         now
             Wall time, s; it must not decrease.
-        awaited_log
-            Message id of a log that is underway with all bytes before it: they are read and decoded
-            at once, for which this call waits as long as bytes keep coming. None to wait for
-            nothing.
         """
         self._now = self._dialogue.now = now
         if self._port is None and not self._connect():
@@ -211,7 +202,7 @@ class ReceiverSession:
         events: list[Event] = []
         try:
             self._send_outgoing()
-            events = self._read(awaited_log)
+            events = self._read()
             self._advance_procedures()
             self._send_outgoing()
         except PortError as error:
@@ -280,9 +271,9 @@ class ReceiverSession:
         if self._port is not None and outgoing:
             del outgoing[: self._port.write(outgoing)]
 
-    def _read(self, awaited_log: int | None) -> list[Event]:
+    def _read(self) -> list[Event]:
         """Read and decode; answers to commands go to the dialogue."""
-        content = self._read_port(awaited_log)
+        content = self._read_port()
         if not content:
             return []
         self.bytes_received += len(content)
@@ -306,22 +297,16 @@ class ReceiverSession:
                 self.problem = self._told_problem = ""
         return events
 
-    def _read_port(self, awaited_log: int | None) -> bytes:
+    def _read_port(self) -> bytes:
         """Return all bytes that have arrived: a pseudo-terminal gives 4 kB at a time."""
+        assert self._port is not None
         content = bytearray()
-        port = self._port
         try:
-            for _ in range(READS_PER_CALL if port is not None else 0):
-                assert port is not None
-                chunk = port.read()
+            for _ in range(READS_PER_CALL):
+                chunk = self._port.read()
+                if not chunk:
+                    break
                 content += chunk
-                if awaited_log is None:
-                    if not chunk:
-                        break
-                elif ends_with_log(content, awaited_log):
-                    break
-                elif not chunk and not select.select([port], [], [], GATHER_TIME)[0]:
-                    break
         except PortError:
             if not content:  # otherwise the next call tells it again
                 raise

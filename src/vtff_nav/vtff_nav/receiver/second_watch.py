@@ -7,7 +7,6 @@ from collections.abc import Iterable
 from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
 from vtff_gnss.fix import Fix, ReceiverTime
 from vtff_gnss.novatel import Event
-from vtff_gnss.novatel.message_ids import ID_BESTXYZ, ID_TIME
 from vtff_gnss.observations import ObservationEpoch
 
 __all__ = ["END_OF_SECOND_LOGS", "SecondWatch"]
@@ -18,9 +17,6 @@ END_OF_SECOND_LOGS: dict[str, type[ReceiverTime] | type[Fix] | type[ObservationE
     "RANGE": ObservationEpoch,
 }
 """Logs that can end a second, with their events; RANGE includes its compressed forms."""
-
-#: Message ids of those logs that a receiver sends once a second.
-_LOGS_OF_A_SECOND = {"TIME": ID_TIME, "BESTXYZ": ID_BESTXYZ}
 
 #: Fraction of the silence time-out that applies while a receiver stays silent.
 SHORTER_WAIT = 0.2
@@ -51,7 +47,6 @@ class SecondWatch:
 
     def __init__(self, end_log: str, silence_timeout: float) -> None:
         self._end_type = END_OF_SECOND_LOGS[end_log]
-        self._end_id = _LOGS_OF_A_SECOND.get(end_log)
         self._silence_timeout = silence_timeout
         self._ended_by_silence = False
         self._second: int | None = None
@@ -60,13 +55,6 @@ class SecondWatch:
         self._is_heard = False
         self.newest_end = -1
         self.silent_seconds = 0
-
-    @property
-    def awaited_log(self) -> int | None:
-        """Message id of the log that ends the second which is being read; None if there is none."""
-        if self._second is None or self._ended_by_silence or self.newest_end >= self._second:
-            return None
-        return self._end_id
 
     def read(
         self,
