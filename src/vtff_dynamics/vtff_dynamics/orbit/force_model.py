@@ -108,11 +108,6 @@ class ForceModel:
         """Whether no force but the gravity of the Earth acts."""
         return self.drag is None and not self.solar_radiation_pressure and not self.third_bodies
 
-    @property
-    def degree_and_order(self) -> tuple[int, int]:
-        """Truncation of the harmonics; zeros for the point mass."""
-        return (0, 0) if self.gravity == "two_body" else (self.degree, self.order)
-
     def prepare_environment(self) -> None:
         """Load the offline tables that these forces need, once per process."""
         ensure_earth_orientation()

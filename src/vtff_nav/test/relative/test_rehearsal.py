@@ -21,7 +21,7 @@ def test_nothing_is_compiled_after_a_rehearsal():
     rehearse(CdgpsEstimator(configuration()))
     scenario = simulate(30)
     before = count_compiled_forms()
-    assert before["vtff_nav.relative.kernels.motion.advance_pair"] > 0
+    assert before["vtff_nav.relative.kernels.motion.advance_errors_of_pair"] > 0
     assert before["vtff_nav.relative.kernels.noise.update_models"] > 0
     fly(scenario, configuration())
     assert count_compiled_forms() == before

@@ -21,13 +21,11 @@ from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
 from vtff_dynamics.frames.earth import rotation_gcrf_to_itrf, state_gcrf_to_itrf
 from vtff_dynamics.frames.rtn import rotation_gcrf_to_rtn
 from vtff_dynamics.orbit.force_model import ForceModel
-from vtff_dynamics.orbit.harmonics import gravity_terms
 from vtff_dynamics.orbit.propagator import INTEGRATORS, Propagator
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_dynamics.vectors import FloatArray, norm, skew
 from vtff_nav.relative.kernels.motion import (
     advance_errors_of_pair,
-    advance_pair,
     white_acceleration_noise,
 )
 
@@ -234,7 +232,6 @@ class OrbitalMotion:
         self._longest_step = longest_step
         self._model = force_model
         self._model_deputy = force_model_deputy or force_model
-        self._gravity = _gravity_terms(self._model, self._model_deputy, integrator)
         self._noise_chief = noise_chief
         self._noise_relative = noise_relative
 
@@ -328,19 +325,6 @@ class OrbitalMotion:
         thrust_chief_gcrf: FloatArray,
     ) -> None:
         """Advance positions and velocities of both in place by one step."""
-        if self._gravity is not None:
-            to_itrf = rotation_gcrf_to_itrf(time)
-            advance_pair(
-                chief,
-                relative,
-                to_gcrf,
-                thrust_chief_gcrf,
-                thrust_gcrf,
-                to_itrf,
-                step,
-                *self._gravity,
-            )
-            return
         empirical_chief = to_gcrf @ chief[6:9]
         empirical_deputy = empirical_chief + to_gcrf @ relative[6:9]
         deputy = chief[:6] + relative[:6]
@@ -437,18 +421,6 @@ class TerrestrialMotion:
     def state_itrf(_time: GpsTime, state: FloatArray) -> FloatArray:
         """Return position and Earth-fixed velocity of a state (6,) in the navigation axes."""
         return state
-
-
-def _gravity_terms(
-    model: ForceModel, model_deputy: ForceModel, integrator: str
-) -> tuple[FloatArray, ...] | None:
-    """Return the terms of the gravity on chief and deputy; None where other forces act too."""
-    if integrator != "rk4" or not (model.is_gravity_alone and model_deputy.is_gravity_alone):
-        return None
-    return (
-        *gravity_terms(*model.degree_and_order),
-        *gravity_terms(*model_deputy.degree_and_order),
-    )
 
 
 def _steps(

@@ -1,4 +1,4 @@
-"""Steps of the orbits of chief and deputy and of their errors, compiled.
+"""Steps of the errors of the orbits of chief and deputy, and short steps of antennas, compiled.
 
 An array operation on nine numbers costs a hundred times what its arithmetic does.
 """
@@ -11,7 +11,6 @@ import numpy as np
 
 from vtff_dynamics.compiled import compiled
 from vtff_dynamics.constants import GM_EARTH
-from vtff_dynamics.orbit.harmonics import advance_under_gravity
 from vtff_gnss.constants import (
     EARTH_ROTATION_RATE_BROADCAST,
     GRAVITATIONAL_PARAMETER_BROADCAST,
@@ -21,7 +20,6 @@ from vtff_gnss.constants import (
 __all__ = [
     "advance_errors",
     "advance_errors_of_pair",
-    "advance_pair",
     "empirical_noise",
     "positions_at_reception",
     "transition_matrix",
@@ -175,7 +173,8 @@ def advance_errors_of_pair(  # type: ignore[no-untyped-def]
     Parameters
     ----------
     chief, relative : ndarray, shape (9,)
-        States at the begin of the step, see `advance_pair`.
+        Position, velocity (GCRF) and empirical acceleration (RTN) at the begin of the step,
+        deputy less chief.
     to_gcrf, ..., noise_relative
         See `advance_errors`, of both.
 
@@ -207,53 +206,6 @@ def advance_errors_of_pair(  # type: ignore[no-untyped-def]
         transition_relative,
         noise_relative,
     )
-
-
-@compiled
-def advance_pair(  # type: ignore[no-untyped-def]
-    chief,
-    relative,
-    to_gcrf,
-    thrust_chief,
-    thrust,
-    to_itrf,
-    step,
-    recursion,
-    weights,
-    recursion_deputy,
-    weights_deputy,
-):
-    """Carry positions and velocities of chief and difference over a step under gravity, in place.
-
-    Parameters
-    ----------
-    chief, relative : ndarray, shape (9,)
-        Position, velocity (GCRF) and empirical acceleration (RTN), deputy less chief.
-    to_gcrf : ndarray, shape (3, 3)
-        Rotation from RTN to GCRF.
-    thrust_chief, thrust : ndarray, shape (3,)
-        Accelerations of chief and deputy by their thrusters, GCRF, m/s2.
-    to_itrf, step, recursion, weights
-        See `advance_under_gravity`; each spacecraft has its own gravity.
-    """
-    deputy = np.empty(6)
-    for k in range(6):
-        deputy[k] = chief[k] + relative[k]
-    acceleration, acceleration_deputy = np.empty(3), np.empty(3)
-    for i in range(3):
-        empirical, difference = 0.0, 0.0
-        for j in range(3):
-            empirical += to_gcrf[i, j] * chief[6 + j]
-            difference += to_gcrf[i, j] * relative[6 + j]
-        acceleration[i] = empirical + thrust_chief[i]
-        acceleration_deputy[i] = empirical + difference + thrust[i]
-    after = advance_under_gravity(chief, acceleration, to_itrf, step, recursion, weights)
-    deputy = advance_under_gravity(
-        deputy, acceleration_deputy, to_itrf, step, recursion_deputy, weights_deputy
-    )
-    for k in range(6):
-        chief[k] = after[k]
-        relative[k] = deputy[k] - after[k]
 
 
 @compiled
