@@ -6,14 +6,12 @@ are propagated with the full harmonics of `vtff_dynamics.orbit.propagator`.
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 import numpy.typing as npt
 
 from vtff_dynamics.compiled import compiled
 from vtff_dynamics.constants import GM_EARTH, J2_EARTH
-from vtff_dynamics.orbit.free_flight import fly_states, jerk_at, scale_oblateness
+from vtff_dynamics.orbit.free_flight import acceleration_at, fly_states, jerk_at, scale_oblateness
 from vtff_dynamics.vectors import FloatArray
 
 __all__ = ["gravity_acceleration", "gravity_jerk", "gravity_jerks", "predict_state"]
@@ -41,13 +39,8 @@ def gravity_acceleration(
     Montenbruck and Gill (2000), Satellite Orbits, eq. (3.29) for C20 alone.
     """
     x, y, z = np.asarray(position_gcrf, dtype=float).tolist()
-    r2 = x * x + y * y + z * z
-    factor = -gravitational_parameter / (r2 * math.sqrt(r2))
-    oblateness = scale_oblateness(j2) / r2
-    sine_squared = z * z / r2
-    equatorial = factor * (1.0 + oblateness * (1.0 - 5.0 * sine_squared))
-    polar = factor * (1.0 + oblateness * (3.0 - 5.0 * sine_squared))
-    return np.array([equatorial * x, equatorial * y, polar * z])
+    oblateness = scale_oblateness(j2)
+    return np.array(acceleration_at(x, y, z, gravitational_parameter, oblateness))
 
 
 def gravity_jerk(
