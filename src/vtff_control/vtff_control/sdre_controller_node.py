@@ -18,7 +18,6 @@ from vtff_control.tracking.controller import (
     check_control_result,
     takes_covariance,
 )
-from vtff_control.tracking.feedforward import compile_kernels
 from vtff_control.tracking.navigation_bounds import sigma_reason, usable_covariance
 from vtff_control.tracking.sdre import (
     DEFAULT_OPTIONS,
@@ -169,8 +168,6 @@ class SdreControllerNode(VtffNode):
         given: SdreControllerParameters = self.parameters
         self.plugin.call_limit = given.compute_limit
         self.plugin.sample_time = given.sample_time
-        # Takes seconds without a cache, which is longer than a call may last.
-        compile_kernels()
         self._controller: Controller = self.plugin.make(
             ControllerSetting(
                 sample_time=given.sample_time,

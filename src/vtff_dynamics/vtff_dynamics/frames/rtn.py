@@ -84,10 +84,17 @@ def angular_velocity_rtn(
     -------
     ndarray, shape (3,)
         ``[r a_N / h, 0, h / r2]``, h the angular momentum.
+
+    Raises
+    ------
+    ValueError
+        If position and velocity are parallel or zero.
     """
     state = np.asarray(state_gcrf, dtype=float)
     angular_momentum = cross(state[:3], state[3:])
     magnitude = norm(angular_momentum)
+    if not magnitude > 0.0:
+        raise ValueError("state_gcrf: position and velocity do not span an orbital plane")
     rate_n = magnitude / float(state[:3] @ state[:3])
     if acceleration_gcrf is None:
         return np.array([0.0, 0.0, rate_n])
