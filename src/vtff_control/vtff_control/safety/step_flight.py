@@ -1,18 +1,12 @@
-"""A step of flight with constant thrust, compiled: chief in GCRF, deputies in the chief's axes.
-
-The numbers are those of `vtff_dynamics.frames.rtn`, `vtff_dynamics.orbit.gravity.predict_state` and
-`vtff_dynamics.orbit.free_flight.add_thrust`. A command waits for them, once a second, when no cache
-knows them any more: one call costs less than half of what these functions cost.
-"""
+"""A step of flight with constant thrust: chief in GCRF, deputies in the chief's axes."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from vtff_dynamics.compiled import compiled
-from vtff_dynamics.constants import GM_EARTH
-from vtff_dynamics.frames.rtn_kernels import write_axes, write_deputy_state
-from vtff_dynamics.orbit.free_flight import OBLATENESS_EARTH, fly_states
+from vtff_dynamics.frames.rtn import deputy_state_gcrf, relative_state_rtn, rotation_gcrf_to_rtn
+from vtff_dynamics.orbit.free_flight import add_thrust
+from vtff_dynamics.orbit.gravity import predict_state
 from vtff_dynamics.vectors import FloatArray
 
 __all__ = ["advance_deputy", "fly_chief"]
@@ -40,10 +34,10 @@ def fly_chief(chief_gcrf: FloatArray, accelerations_rtn: FloatArray, step: float
     ValueError
         If position and velocity are parallel, so that there are no axes.
     """
-    flown: FloatArray = _fly_chief(
-        chief_gcrf, accelerations_rtn, step, 0.5 * step**2, GM_EARTH, OBLATENESS_EARTH
-    )
-    return flown
+    states = [np.asarray(chief_gcrf, dtype=float)]
+    for acceleration_rtn in accelerations_rtn:
+        states.append(_fly_step(states[-1], states[-1], acceleration_rtn, step))
+    return np.array(states)
 
 
 def advance_deputy(
@@ -76,96 +70,15 @@ def advance_deputy(
     ValueError
         If position and velocity of the chief are parallel.
     """
-    difference, rotation, rate = _fly_deputy(
-        relative_rtn,
-        chief_gcrf,
-        chief_after_gcrf,
-        acceleration_rtn,
-        step,
-        0.5 * step**2,
-        GM_EARTH,
-        OBLATENESS_EARTH,
-    )
-    # Products of numpy, whose sums no loop has.
-    x, y, z = (rotation @ difference[:3]).tolist()
-    vx, vy, vz = (rotation @ difference[3:]).tolist()
-    return np.array([x, y, z, vx + rate * y, vy - rate * x, vz])
+    deputy = deputy_state_gcrf(chief_gcrf, relative_rtn)
+    after = _fly_step(deputy, chief_gcrf, acceleration_rtn, step)
+    return relative_state_rtn(chief_after_gcrf, after)
 
 
-@compiled
 def _fly_step(
-    state_gcrf: FloatArray,
-    rotation: FloatArray,
-    acceleration_rtn: FloatArray,
-    step: float,
-    half_square: float,
-    gm: float,
-    oblateness: float,
-    after_gcrf: FloatArray,
-) -> None:
-    """Write the state (6,) after a step of constant thrust; half of the step's square is in s2."""
-    start, times = np.empty((1, 6)), np.zeros(2)
-    for k in range(6):
-        start[0, k] = state_gcrf[k]
-    times[1] = step
-    flown = fly_states(start, times, gm, oblateness)
-    for k in range(3):
-        acceleration = (
-            rotation[0, k] * acceleration_rtn[0]
-            + rotation[1, k] * acceleration_rtn[1]
-            + rotation[2, k] * acceleration_rtn[2]
-        )
-        after_gcrf[k] = flown[1, 0, k] + half_square * acceleration
-        after_gcrf[k + 3] = flown[1, 0, k + 3] + step * acceleration
-
-
-@compiled
-def _fly_chief(
-    chief_gcrf: FloatArray,
-    accelerations_rtn: FloatArray,
-    step: float,
-    half_square: float,
-    gm: float,
-    oblateness: float,
+    state_gcrf: FloatArray, chief_gcrf: FloatArray, acceleration_rtn: FloatArray, step: float
 ) -> FloatArray:
-    """Return what `fly_chief` does, with the constants of the attraction as in `fly_states`."""
-    count = len(accelerations_rtn)
-    states, rotation = np.empty((count + 1, 6)), np.empty((3, 3))
-    for k in range(6):
-        states[0, k] = chief_gcrf[k]
-    for index in range(count):
-        write_axes(states[index], rotation)
-        _fly_step(
-            states[index],
-            rotation,
-            accelerations_rtn[index],
-            step,
-            half_square,
-            gm,
-            oblateness,
-            states[index + 1],
-        )
-    return states
-
-
-@compiled
-def _fly_deputy(
-    relative_rtn: FloatArray,
-    chief_gcrf: FloatArray,
-    chief_after_gcrf: FloatArray,
-    acceleration_rtn: FloatArray,
-    step: float,
-    half_square: float,
-    gm: float,
-    oblateness: float,
-) -> tuple[FloatArray, FloatArray, float]:
-    """Return the difference (6,) to the chief after a step in GCRF, and axes and rate there."""
-    rotation, after = np.empty((3, 3)), np.empty(6)
-    deputy = np.empty(6)
-    rate = write_axes(chief_gcrf, rotation)
-    write_deputy_state(chief_gcrf, rotation, rate, relative_rtn, deputy)
-    _fly_step(deputy, rotation, acceleration_rtn, step, half_square, gm, oblateness, after)
-    for k in range(6):
-        after[k] -= chief_after_gcrf[k]
-    rate = write_axes(chief_after_gcrf, rotation)
-    return after, rotation, rate
+    """Return the state (6,) after a step with constant thrust in the axes of the chief."""
+    after = predict_state(state_gcrf, step)
+    add_thrust(after, rotation_gcrf_to_rtn(chief_gcrf).T @ acceleration_rtn, step)
+    return after
