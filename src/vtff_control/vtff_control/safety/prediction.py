@@ -28,9 +28,13 @@ from vtff_control.safety.probability import (
 )
 from vtff_dynamics.compiled import compiled
 from vtff_dynamics.constants import GM_EARTH
-from vtff_dynamics.frames.rtn_kernels import write_axes, write_deputy_state
-from vtff_dynamics.orbit.free_flight import OBLATENESS_EARTH, fly_states
-from vtff_dynamics.vectors import FloatArray
+from vtff_dynamics.frames.rtn import (
+    angular_velocity_rtn,
+    deputy_state_gcrf,
+    rotation_gcrf_to_rtn,
+)
+from vtff_dynamics.orbit.free_flight import free_flight
+from vtff_dynamics.vectors import FloatArray, skew
 
 __all__ = [
     "ChiefMotion",
@@ -44,6 +48,9 @@ __all__ = [
 ]
 
 _DISPLACEMENTS = np.array([10.0] * 3 + [0.01] * 3)  # m and m/s
+# The chief and its displaced flights. Eight flights take half the time of seven: the last one is
+# there for that.
+_DISPLACED = np.vstack((np.zeros(6), np.diag(_DISPLACEMENTS), np.zeros(6)))
 _CERTAIN = 8.0  # sigma: a probability beyond is given as its bound, 6e-16
 _SHORT_ENCOUNTER = 0.02  # of an orbit: a fly-by that lasts longer is not straight
 
@@ -342,17 +349,13 @@ class ChiefMotion:
         covariances_rtn
             Covariance of the relative state of each deputy at the start, shape (6, 6).
         """
-        count, samples = len(relative_states_rtn), len(self.times)
-        if count:
-            relative = _fly_deputies(
-                self.states_gcrf,
-                self.times,
-                np.array(relative_states_rtn),
-                GM_EARTH,
-                OBLATENESS_EARTH,
-            )
-        else:
-            relative = np.zeros((1, samples, 6))
+        samples = len(self.times)
+        relative = np.zeros((len(names), samples, 6))
+        if len(relative_states_rtn):
+            chief = self.states_gcrf[0]
+            deputies = [deputy_state_gcrf(chief, state) for state in relative_states_rtn]
+            flown = free_flight(deputies, self.times)
+            relative[1:] = np.swapaxes(flown - self.states_gcrf[:, np.newaxis], 0, 1)
         covariances = (np.zeros((samples, 3, 3)), *map(self._position_covariances, covariances_rtn))
         return FreeMotion(self.times, tuple(names), relative, covariances, self)
 
@@ -372,108 +375,18 @@ def predict_chief_motion(state_chief_gcrf: FloatArray, orbits: float) -> ChiefMo
     axis = 1.0 / (2.0 / math.sqrt(x * x + y * y + z * z) - (vx * vx + vy * vy + vz * vz) / GM_EARTH)
     period = 2.0 * math.pi * math.sqrt(axis**3 / GM_EARTH)
     times = prediction_times(period, orbits)
-    flown, states, rotation, positions, to_gcrf = _fly_displaced(
-        chief, times, _DISPLACEMENTS, GM_EARTH, OBLATENESS_EARTH
-    )
-    to_position = (positions.reshape(-1, 6) @ to_gcrf).reshape(-1, 3, 6)
-    return ChiefMotion(times, flown, states, rotation, to_position)
-
-
-@compiled
-def _fly_displaced(
-    chief: FloatArray, times: FloatArray, displacements: FloatArray, gm: float, oblateness: float
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Return the flights of a chief and of the displaced ones, and what they tell.
-
-    Parameters
-    ----------
-    chief
-        m and m/s, shape (6,).
-    times
-        s from the start, shape (n,).
-    displacements
-        Displacements of the flights, m and m/s, shape (6,).
-    gm, oblateness
-        As of `vtff_dynamics.orbit.free_flight.fly_states`.
-
-    Returns
-    -------
-    flown
-        As of `ChiefMotion`, shape (n, 8, 6).
-    states
-        Chief, m and m/s, shape (n, 6).
-    rotation
-        Rows R, T, N of the chief in GCRF, shape (n, 3, 3).
-    positions
-        From a difference at the start to its position later, GCRF axes, shape (n, 3, 6).
-    to_gcrf
-        From a relative state in RTN axes at the start to a difference in GCRF axes, shape (6, 6).
-    """
-    # Eight flights take half the time of seven: the last one is there for that.
-    start = np.empty((8, 6))
-    for flight in range(8):
-        for k in range(6):
-            start[flight, k] = chief[k]
-        if 1 <= flight <= 6:
-            start[flight, flight - 1] += displacements[flight - 1]
-    flown = fly_states(start, times, gm, oblateness)
-    count = len(flown)
-    states, rotation = np.empty((count, 6)), np.empty((count, 3, 3))
-    positions = np.empty((count, 3, 6))
-    for index in range(count):
-        for k in range(6):
-            states[index, k] = flown[index, 0, k]
-            for axis in range(3):
-                difference = flown[index, k + 1, axis] - flown[index, 0, axis]
-                positions[index, axis, k] = difference / displacements[k]
-    rate = write_axes(states[0], rotation[0])
-    for index in range(1, count):
-        write_axes(states[index], rotation[index])
+    flown = free_flight(chief + _DISPLACED, times)
+    states = flown[:, 0]
+    rotation = rotation_gcrf_to_rtn(states)
+    differences = flown[:, 1:7, :3] - flown[:, :1, :3]
+    to_position = np.swapaxes(differences, 1, 2) / _DISPLACEMENTS
+    # From a relative state in axes that turn about N to a difference in GCRF axes.
     to_gcrf = np.zeros((6, 6))
-    for k in range(3):
-        for axis in range(3):
-            to_gcrf[k, axis] = to_gcrf[k + 3, axis + 3] = rotation[0, axis, k]
-        # The axes turn about N: R goes to T, T to -R.
-        to_gcrf[k + 3, 0] = rotation[0, 1, k] * rate
-        to_gcrf[k + 3, 1] = rotation[0, 0, k] * -rate
-    return flown, states, rotation, positions, to_gcrf
-
-
-@compiled
-def _fly_deputies(
-    states_chief: FloatArray,
-    times: FloatArray,
-    relative_states_rtn: FloatArray,
-    gm: float,
-    oblateness: float,
-) -> FloatArray:
-    """Return differences to the chief as of `FreeMotion.relative`, shape (m + 1, n, 6).
-
-    Parameters
-    ----------
-    states_chief
-        Chief, m and m/s, shape (n, 6).
-    times
-        s from the start, shape (n,).
-    relative_states_rtn
-        Deputies at the start in RTN axes, m and m/s, shape (m, 6).
-    gm, oblateness
-        As of `vtff_dynamics.orbit.free_flight.fly_states`.
-    """
-    count = len(relative_states_rtn)
-    rotation, start = np.empty((3, 3)), np.empty((count, 6))
-    rate = write_axes(states_chief[0], rotation)
-    for deputy in range(count):
-        write_deputy_state(
-            states_chief[0], rotation, rate, relative_states_rtn[deputy], start[deputy]
-        )
-    flown = fly_states(start, times, gm, oblateness)
-    relative = np.zeros((count + 1, len(times), 6))
-    for index in range(len(times)):
-        for deputy in range(count):
-            for k in range(6):
-                relative[deputy + 1, index, k] = flown[index, deputy, k] - states_chief[index, k]
-    return relative
+    to_gcrf[:3, :3] = to_gcrf[3:, 3:] = rotation[0].T
+    to_gcrf[3:, :3] = rotation[0].T @ skew(angular_velocity_rtn(chief))
+    return ChiefMotion(
+        times, flown, states, rotation, (to_position.reshape(-1, 6) @ to_gcrf).reshape(-1, 3, 6)
+    )
 
 
 @compiled

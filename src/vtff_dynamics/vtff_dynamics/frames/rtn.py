@@ -11,6 +11,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 
+from vtff_dynamics.compiled import compiled
 from vtff_dynamics.vectors import FloatArray, cross, norm
 
 __all__ = [
@@ -21,50 +22,36 @@ __all__ = [
 ]
 
 
-_Row = tuple[float, float, float]
-
-
 def rotation_gcrf_to_rtn(state_gcrf: npt.ArrayLike) -> FloatArray:
-    """Return the rotation matrix (3, 3) from GCRF to the RTN axes of a state (6,).
+    """Return the rotation matrices (..., 3, 3) from GCRF to the RTN axes of states (..., 6).
 
     Raises
     ------
     ValueError
         If position and velocity are parallel or zero, so that there is no orbital plane.
     """
-    return np.array(_axes_rtn(state_gcrf)[0])
+    states = np.array(state_gcrf, dtype=float, order="C")
+    rotations: FloatArray = _axes_of_states(states.reshape(-1, 6))
+    return rotations.reshape(*states.shape[:-1], 3, 3)
 
 
-def _axes_rtn(state_gcrf: npt.ArrayLike) -> tuple[tuple[_Row, _Row, _Row], float]:
-    """Return the axes of a state (6,) and the size of its angular momentum, m2/s."""
-    # Numbers one by one: operations on arrays of three take three times as long.
-    x, y, z, vx, vy, vz = np.asarray(state_gcrf, dtype=float).tolist()
-    nx, ny, nz = y * vz - z * vy, z * vx - x * vz, x * vy - y * vx
-    magnitude = math.sqrt(nx * nx + ny * ny + nz * nz)
-    if not magnitude > 0.0:
-        raise ValueError("state_gcrf: position and velocity do not span an orbital plane")
-    radius = math.sqrt(x * x + y * y + z * z)
-    x, y, z = x / radius, y / radius, z / radius
-    nx, ny, nz = nx / magnitude, ny / magnitude, nz / magnitude
-    along = (ny * z - nz * y, nz * x - nx * z, nx * y - ny * x)
-    return ((x, y, z), along, (nx, ny, nz)), magnitude
-
-
-def _axes_and_rates(
-    state_gcrf: FloatArray, acceleration_gcrf: npt.ArrayLike | None
-) -> tuple[FloatArray, float, float]:
-    """Return `rotation_gcrf_to_rtn` and the rates of the axes about R and N, rad/s."""
-    axes, momentum = _axes_rtn(state_gcrf)
-    rate_n = momentum / float(state_gcrf[:3] @ state_gcrf[:3])
-    rate_r = 0.0
-    if acceleration_gcrf is not None:
-        rate_r = float(angular_velocity_rtn(state_gcrf, acceleration_gcrf)[0])
-    return np.array(axes), rate_r, rate_n
-
-
-def _velocity_of_axes(rate_r: float, rate_n: float, x: float, y: float, z: float) -> _Row:
-    """Return the cross product of the rates (rate_r, 0, rate_n) and a position in RTN, m/s."""
-    return 0.0 * z - rate_n * y, rate_n * x - rate_r * z, rate_r * y - 0.0 * x
+@compiled
+def _axes_of_states(states: FloatArray) -> FloatArray:
+    """Return the axes R, T, N of states (n, 6) as rows, shape (n, 3, 3)."""
+    axes = np.empty((len(states), 3, 3))
+    for index in range(len(states)):
+        x, y, z, vx, vy, vz = states[index]
+        nx, ny, nz = y * vz - z * vy, z * vx - x * vz, x * vy - y * vx
+        momentum = math.sqrt(nx * nx + ny * ny + nz * nz)
+        if not momentum > 0.0:
+            raise ValueError("state_gcrf: position and velocity do not span an orbital plane")
+        radius = math.sqrt(x * x + y * y + z * z)
+        x, y, z = x / radius, y / radius, z / radius
+        nx, ny, nz = nx / momentum, ny / momentum, nz / momentum
+        axes[index, 0] = x, y, z
+        axes[index, 1] = ny * z - nz * y, nz * x - nx * z, nx * y - ny * x
+        axes[index, 2] = nx, ny, nz
+    return axes
 
 
 def angular_velocity_rtn(
@@ -131,11 +118,10 @@ def relative_state_rtn(
     """
     chief = np.asarray(state_chief_gcrf, dtype=float)
     difference = np.asarray(state_deputy_gcrf, dtype=float) - chief
-    rotation, rate_r, rate_n = _axes_and_rates(chief, acceleration_chief_gcrf)
-    x, y, z = (rotation @ difference[:3]).tolist()
-    vx, vy, vz = (rotation @ difference[3:]).tolist()
-    turned_x, turned_y, turned_z = _velocity_of_axes(rate_r, rate_n, x, y, z)
-    return np.array([x, y, z, vx - turned_x, vy - turned_y, vz - turned_z])
+    rotation = rotation_gcrf_to_rtn(chief)
+    position = rotation @ difference[:3]
+    turning = cross(angular_velocity_rtn(chief, acceleration_chief_gcrf), position)
+    return np.concatenate((position, rotation @ difference[3:] - turning))
 
 
 def deputy_state_gcrf(
@@ -160,12 +146,7 @@ def deputy_state_gcrf(
         If the chief's position and velocity are parallel.
     """
     chief = np.asarray(state_chief_gcrf, dtype=float)
-    x, y, z, vx, vy, vz = np.asarray(relative_state, dtype=float).tolist()
-    rotation, rate_r, rate_n = _axes_and_rates(chief, acceleration_chief_gcrf)
-    to_gcrf = rotation.T
-    turned_x, turned_y, turned_z = _velocity_of_axes(rate_r, rate_n, x, y, z)
-    velocity = (vx + turned_x, vy + turned_y, vz + turned_z)
-    deputy: FloatArray = chief + np.concatenate(
-        (to_gcrf @ np.array([x, y, z]), to_gcrf @ np.array(velocity))
-    )
-    return deputy
+    relative = np.asarray(relative_state, dtype=float)
+    to_gcrf = rotation_gcrf_to_rtn(chief).T
+    turning = cross(angular_velocity_rtn(chief, acceleration_chief_gcrf), relative[:3])
+    return chief + np.concatenate((to_gcrf @ relative[:3], to_gcrf @ (relative[3:] + turning)))

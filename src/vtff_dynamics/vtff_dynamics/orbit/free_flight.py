@@ -17,7 +17,6 @@ from vtff_dynamics.constants import GM_EARTH, J2_EARTH, RADIUS_EARTH_JGM3
 from vtff_dynamics.vectors import FloatArray
 
 __all__ = [
-    "OBLATENESS_EARTH",
     "acceleration_at",
     "add_thrust",
     "fly_states",
@@ -30,10 +29,6 @@ __all__ = [
 def scale_oblateness(j2: float) -> float:
     """Return 1.5 J2 times the square of the radius of the Earth, m2; 0 for the point mass."""
     return 1.5 * j2 * RADIUS_EARTH_JGM3 * RADIUS_EARTH_JGM3
-
-
-OBLATENESS_EARTH = scale_oblateness(J2_EARTH)
-"""Oblateness of the Earth in `fly_states` and `acceleration_at`, m2."""
 
 
 @compiled
