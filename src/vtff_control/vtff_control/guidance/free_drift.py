@@ -269,7 +269,7 @@ def fly_drifts(
     """
     starts = np.asarray(states_gcrf, dtype=float)
     losses, spacecraft = starts.shape[:2]
-    rotations = np.array([rotation_gcrf_to_rtn(state) for state in np.asarray(references_gcrf)])
+    rotations = rotation_gcrf_to_rtn(references_gcrf)
     samples = len(rotations) - losses
     flown = free_flight(starts.reshape(-1, 6), step * np.arange(samples + 1))[..., :3]
     positions = flown.reshape(samples + 1, losses, spacecraft, 3)

@@ -149,4 +149,5 @@ def deputy_state_gcrf(
     relative = np.asarray(relative_state, dtype=float)
     to_gcrf = rotation_gcrf_to_rtn(chief).T
     turning = cross(angular_velocity_rtn(chief, acceleration_chief_gcrf), relative[:3])
-    return chief + np.concatenate((to_gcrf @ relative[:3], to_gcrf @ (relative[3:] + turning)))
+    position, velocity = to_gcrf @ relative[:3], to_gcrf @ (relative[3:] + turning)
+    return np.asarray(chief + np.concatenate((position, velocity)))

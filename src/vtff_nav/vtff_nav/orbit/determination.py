@@ -174,7 +174,7 @@ def determine_orbit(
         states = _integrate(time, mean, rate, int(steps[-1]), model)
         latitude, effects = _effects(mean, model.step, int(steps[-1]))
         design = linear_map_rtn(_mean_motion(mean), latitude)[steps, :3] @ effects[steps]
-        to_rtn = np.array([rotation_gcrf_to_rtn(state) for state in states[steps]])
+        to_rtn = rotation_gcrf_to_rtn(states[steps])
         design = np.swapaxes(to_rtn, 1, 2) @ design
         residual = fixes[:, :3] - states[steps, :3]
         # The axes have each their own slow error. It keeps to GCRF and not to the orbit's axes: the
