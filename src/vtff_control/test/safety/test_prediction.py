@@ -97,21 +97,3 @@ def test_probability_of_a_fly_by_is_that_of_drawn_ones():
         position[0] += turn * start[4] * times**2
         inside += np.linalg.norm(position, axis=0).min() < 30.0
     assert pair.probability == pytest.approx(inside / len(drawn), rel=0.15)
-
-
-def test_bounds_call_no_pair_clear_that_is_not():
-    """Where bounds alone decide, the scan of all moments agrees; of far pairs they mostly do."""
-    generator = np.random.default_rng(4)
-    sure = 0
-    for _ in range(100):
-        size = 10.0 ** generator.uniform(1.5, 3.0)
-        state = generator.standard_normal(6) * size * np.array([1.0] * 3 + [5e-4] * 3)
-        sigma = 10.0 ** generator.uniform(-3.0, 0.5)
-        covariance = np.diag([sigma**2] * 3 + [(1e-3 * sigma) ** 2] * 3)
-        _, pair = predict([state], [covariance], orbits=0.5)
-        if pair.is_surely_clear:
-            sure += 1
-            assert pair.separation >= 32.0
-            assert pair.sigmas >= 3.7
-    assert 20 < sure < 100
-    assert predict([relative(t=200.0)])[1].is_surely_clear

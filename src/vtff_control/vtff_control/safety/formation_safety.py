@@ -722,13 +722,13 @@ class FormationSafety:
         index = motion.names.index(name)
         bounds = setting.bounds
         soonest = min(
-            motion.predict_pair(
+            motion.violation_time(
                 min(index, other),
                 max(index, other),
                 bounds.hard_radius,
                 bounds.clear_radius,
                 bounds.clear_sigmas,
-            ).violation_time
+            )
             for other in range(len(motion.names))
             if other != index
         )

@@ -16,8 +16,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
-from typing import NamedTuple
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -39,7 +38,6 @@ from vtff_dynamics.vectors import FloatArray, skew
 __all__ = [
     "ChiefMotion",
     "FreeMotion",
-    "PairApproach",
     "PairPrediction",
     "hermite_position",
     "predict_chief_motion",
@@ -76,133 +74,35 @@ def _times_with_end(count: int) -> FloatArray:
     )
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class PairPrediction:
     """What is predicted of two spacecraft with all thrust off; lengths in m, times in s from now.
-
-    Its figures are computed when they are asked for: of a pair that is surely clear no decision
-    asks for more, and commands do not wait for what is only told.
 
     Attributes
     ----------
     first, second
         Names.
-    is_surely_clear
-        Whether bounds alone show that the pair is always clear.
+    separation, separation_time
+        Smallest expected distance, and when.
+    radial_normal
+        Smallest expected distance in the R-N plane of the chief.
+    sigmas
+        Smallest number of sigma between the pair and the hard radius.
+    violation_time
+        When the pair is first not clear; infinite if it always is.
+    probability
+        That the pair comes inside the hard radius: the larger of the largest instantaneous one and
+        that of a short encounter.
     """
 
     first: str
     second: str
-    is_surely_clear: bool
-    _motion: FreeMotion = field(repr=False)
-    _indices: tuple[int, int] = field(repr=False)
-    _radii_and_sigmas: tuple[float, float, float] = field(repr=False)
-
-    def __eq__(self, other: object) -> bool:
-        """Return whether another prediction tells the same of the same pair."""
-        if not isinstance(other, PairPrediction):
-            return NotImplemented
-        names, names_other = (self.first, self.second), (other.first, other.second)
-        return names == names_other and self._figures == other._figures
-
-    __hash__ = None  # type: ignore[assignment]
-
-    @property
-    def separation(self) -> float:
-        """Return the smallest expected distance."""
-        return self._figures[0]
-
-    @property
-    def separation_time(self) -> float:
-        """Return when the expected distance is smallest."""
-        return self._figures[1]
-
-    @property
-    def radial_normal(self) -> float:
-        """Return the smallest expected distance in the R-N plane of the chief."""
-        return self._figures[2]
-
-    @property
-    def sigmas(self) -> float:
-        """Return the smallest number of sigma between the pair and the hard radius."""
-        return self._figures[3]
-
-    @property
-    def sigmas_time(self) -> float:
-        """Return when that number is smallest."""
-        return self._figures[4]
-
-    @property
-    def violation_time(self) -> float:
-        """Return when the pair is first not clear; infinite if it always is."""
-        return math.inf if self.is_surely_clear else self._figures[5]
-
-    @property
-    def approach(self) -> PairApproach:
-        """Return the motion that this is told of."""
-        return self._scanned[0]
-
-    @property
-    def _figures(self) -> list[float]:
-        return self._scanned[1]
-
-    @functools.cached_property
-    def _scanned(self) -> tuple[PairApproach, list[float]]:
-        """Return the motion and the six figures that it tells."""
-        motion, (first, second) = self._motion, self._indices
-        relative = motion.relative[second] - motion.relative[first]
-        covariance = motion.pair_covariance(first, second)
-        figures, separation_state = _scan(
-            motion.times, relative, covariance, motion.rotation, *self._radii_and_sigmas
-        )
-        hard_radius = self._radii_and_sigmas[0]
-        approach = PairApproach(motion.times, relative, covariance, separation_state, hard_radius)
-        return approach, figures.tolist()
-
-    @functools.cached_property
-    def probability(self) -> float:
-        """Return the probability that the pair comes inside the hard radius.
-
-        It is the larger of the largest instantaneous one and that of a short encounter. Decisions
-        rest on sigmas: commands do not wait until this is computed.
-        """
-        if not self.sigmas < _CERTAIN:
-            return sigma_bound_probability(self.sigmas)
-        approach = self.approach
-        times, radius = approach.times, approach.hard_radius
-        index = int(np.searchsorted(times, self.sigmas_time))
-        position = _position_at(times, approach.relative, self.sigmas_time)
-        nearest = int(np.searchsorted(times, self.separation_time))
-        return max(
-            instantaneous_probability(position, approach.covariance[index], radius),
-            _probability_of_encounter(
-                approach.separation_state, approach.covariance[nearest], radius
-            ),
-        )
-
-
-class PairApproach(NamedTuple):
-    """Motion of one spacecraft relative to another one with all thrust off.
-
-    Attributes
-    ----------
-    times
-        s from now, shape (n,).
-    relative
-        Difference in GCRF axes, m and m/s, shape (n, 6).
-    covariance
-        Covariances of its positions, m2, shape (n, 3, 3).
-    separation_state
-        Difference when the pair is nearest, shape (6,).
-    hard_radius
-        m.
-    """
-
-    times: FloatArray
-    relative: FloatArray
-    covariance: FloatArray
-    separation_state: FloatArray
-    hard_radius: float
+    separation: float
+    separation_time: float
+    radial_normal: float
+    sigmas: float
+    violation_time: float
+    probability: float
 
 
 def _probability_of_encounter(state: FloatArray, covariance: FloatArray, radius: float) -> float:
@@ -270,23 +170,50 @@ class FreeMotion:
         clear_radius, clear_sigmas
             Expected distance (m), and sigma between pair and hard radius, of a clear pair.
         """
-        radii_and_sigmas = (hard_radius, clear_radius, clear_sigmas)
-        is_surely_clear = _is_surely_clear(
-            self.times,
-            self.relative[first],
-            self.relative[second],
-            self.covariances[first],
-            self.covariances[second],
-            *radii_and_sigmas,
-        )
+        figures, nearest = self._scan(first, second, hard_radius, clear_radius, clear_sigmas)
+        separation, separation_time, radial_normal, sigmas, sigmas_time, violation = figures
+        if sigmas < _CERTAIN:
+            relative = self.relative[second] - self.relative[first]
+            covariance = self.pair_covariance(first, second)
+            at_sigmas, at_separation = np.searchsorted(self.times, (sigmas_time, separation_time))
+            position = _position_at(self.times, relative, sigmas_time)
+            probability = max(
+                instantaneous_probability(position, covariance[at_sigmas], hard_radius),
+                _probability_of_encounter(nearest, covariance[at_separation], hard_radius),
+            )
+        else:
+            probability = sigma_bound_probability(sigmas)
         return PairPrediction(
             self.names[first],
             self.names[second],
-            is_surely_clear,
-            self,
-            (first, second),
-            radii_and_sigmas,
+            separation,
+            separation_time,
+            radial_normal,
+            sigmas,
+            violation,
+            probability,
         )
+
+    def violation_time(
+        self, first: int, second: int, hard_radius: float, clear_radius: float, clear_sigmas: float
+    ) -> float:
+        """Return when a pair is first not clear, as in `PairPrediction`; see `predict_pair`."""
+        return self._scan(first, second, hard_radius, clear_radius, clear_sigmas)[0][-1]
+
+    def _scan(
+        self, first: int, second: int, hard_radius: float, clear_radius: float, clear_sigmas: float
+    ) -> tuple[list[float], FloatArray]:
+        """Return the figures of a pair and its nearest state, as `_scan` does."""
+        figures, nearest = _scan(
+            self.times,
+            self.relative[second] - self.relative[first],
+            self.pair_covariance(first, second),
+            self.rotation,
+            hard_radius,
+            clear_radius,
+            clear_sigmas,
+        )
+        return figures.tolist(), nearest
 
 
 @dataclass(frozen=True, eq=False)
@@ -434,55 +361,6 @@ def sigmas_outside(position: FloatArray, covariance: FloatArray, radius: float) 
 
 
 @compiled
-def _is_surely_clear(
-    times: FloatArray,
-    first: FloatArray,
-    second: FloatArray,
-    covariance_first: FloatArray,
-    covariance_second: FloatArray,
-    hard_radius: float,
-    clear_radius: float,
-    clear_sigmas: float,
-) -> bool:
-    """Return whether bounds show that `_scan` finds two spacecraft clear at all times.
-
-    Motions and covariances are those of `FreeMotion`, bounds those of its `predict_pair`. Between
-    two samples no position of a cubic Hermite spline is farther from the first one than the way to
-    the second one and 4/27 of a step with each velocity; no variance exceeds the Frobenius norm of
-    a covariance.
-    """
-    rounding = 1e-9
-    speed_before = 0.0
-    for index in range(len(times) - 1, -1, -1):
-        square, speed, way, step = 0.0, 0.0, 0.0, 0.0
-        if index + 1 < len(times):
-            step = times[index + 1] - times[index]
-        norm_squared = 0.0
-        for k in range(3):
-            position = second[index, k] - first[index, k]
-            velocity = second[index, k + 3] - first[index, k + 3]
-            square += position * position
-            speed += velocity * velocity
-            if step > 0.0:
-                end = second[index + 1, k] - first[index + 1, k]
-                way += (end - position) * (end - position)
-            for j in range(3):
-                variance = covariance_first[index, k, j] + covariance_second[index, k, j]
-                norm_squared += variance * variance
-        distance, speed = math.sqrt(square), math.sqrt(speed)
-        reach = math.sqrt(way) + 0.15 * step * (speed + speed_before)
-        nearest = distance - reach - rounding * (distance + reach)
-        outside = nearest - hard_radius
-        if not (nearest > clear_radius and outside > 0.0):
-            return False
-        sigmas_squared = clear_sigmas * clear_sigmas * (1.0 + rounding)
-        if not outside**4 > sigmas_squared * sigmas_squared * norm_squared:
-            return False
-        speed_before = speed
-    return True
-
-
-@compiled
 def _scan(
     times: FloatArray,
     relative: FloatArray,
@@ -492,7 +370,11 @@ def _scan(
     clear_radius: float,
     clear_sigmas: float,
 ) -> tuple[FloatArray, FloatArray]:
-    """Return six figures of a pair, as in `PairPrediction`, and the state when it is nearest."""
+    """Return six figures of a pair, and its state when it is nearest.
+
+    The figures are separation and its time, the separation across the track, sigmas and their time,
+    and the time of the violation, as in `PairPrediction`.
+    """
     pieces = 4
     position, later, velocity = np.empty(3), np.empty(3), np.empty(3)
     nearest = np.zeros(6)
