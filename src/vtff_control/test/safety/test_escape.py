@@ -3,7 +3,7 @@
 import math
 
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from safety_samples import CHIEF, predict_formation, relative
 
@@ -41,6 +41,7 @@ def fly(state, escape, start, acceleration, duration):
     st.floats(1.0, 22.0),
     st.floats(-30.0, 30.0),
 )
+@example(1465.0, 0.0, 0.0, 19.0, -5.0)  # nearest between two samples
 def test_escape_restores_the_bound(distance, side, height, speed, miss):
     """A deputy is on its way to the chief, from any side, and passes within 30 m."""
     sight = np.array([math.cos(side) * math.cos(height), math.sin(side) * math.cos(height),

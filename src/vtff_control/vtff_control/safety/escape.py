@@ -16,7 +16,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vtff_control.safety.prediction import FreeMotion, hermite_position, sigmas_outside
+from vtff_control.safety.prediction import (
+    FreeMotion,
+    hermite_position,
+    move_to_nearest,
+    sigmas_outside,
+)
 from vtff_dynamics.compiled import compiled
 from vtff_dynamics.vectors import FloatArray
 
@@ -193,7 +198,7 @@ def _first_clear(
     pieces = 3
     middle = np.empty((6, 6))
     source, state, previous = np.empty(6), np.empty(6), np.empty(6)
-    position = np.empty(3)
+    position, later = np.empty(3), np.empty(3)
     for candidate in range(len(candidates)):
         velocity = candidates[candidate]
         duration = durations[candidate]
@@ -236,8 +241,10 @@ def _first_clear(
                         reach += (state[k] - previous[k]) ** 2
                         distance += state[k] ** 2
                     if math.sqrt(distance) - 1.5 * math.sqrt(reach) < 3.0 * clear_radius:
-                        for piece in range(1, pieces + 1):
+                        for piece in range(pieces):
                             hermite_position(previous, state, step, piece / pieces, position)
+                            hermite_position(previous, state, step, (piece + 1) / pieces, later)
+                            move_to_nearest(position, later)
                             if not _is_clear(
                                 position,
                                 covariances[pair, moment],

@@ -40,6 +40,7 @@ __all__ = [
     "FreeMotion",
     "PairPrediction",
     "hermite_position",
+    "move_to_nearest",
     "predict_chief_motion",
     "prediction_times",
     "sigmas_outside",
@@ -331,6 +332,28 @@ def hermite_position(
 
 
 @compiled
+def move_to_nearest(position: FloatArray, later: FloatArray) -> float:
+    """Move a position (3,) to where the straight way to a later one is nearest to zero.
+
+    Returns
+    -------
+    float
+        Share of the way up to there; 0 where no point between the two is nearer than both.
+    """
+    length2, along = 0.0, 0.0
+    for k in range(3):
+        way = later[k] - position[k]
+        length2 += way * way
+        along -= way * position[k]
+    if not 0.0 < along < length2:
+        return 0.0
+    share = along / length2
+    for k in range(3):
+        position[k] += share * (later[k] - position[k])
+    return share
+
+
+@compiled
 def sigmas_outside(position: FloatArray, covariance: FloatArray, radius: float) -> float:
     """Return the sigma between a position and a sphere, by the better one of two planes."""
     x, y, z = position[0], position[1], position[2]
@@ -376,7 +399,7 @@ def _scan(
     and the time of the violation, as in `PairPrediction`.
     """
     pieces = 4
-    position, later, velocity = np.empty(3), np.empty(3), np.empty(3)
+    position, later = np.empty(3), np.empty(3)
     nearest = np.zeros(6)
     separation, separation_time, radial_normal = 1e18, 0.0, 1e18
     fewest, fewest_time, violation = 1e18, 0.0, np.inf
@@ -398,27 +421,12 @@ def _scan(
                     relative[index], relative[index + 1], step, piece / pieces, position
                 )
             moment = times[index] + step * piece / pieces
-            distance = math.sqrt(position[0] ** 2 + position[1] ** 2 + position[2] ** 2)
-            # The nearest point of the straight piece that follows.
             if count > 1:
-                if piece + 1 < pieces:
-                    hermite_position(
-                        relative[index], relative[index + 1], step, (piece + 1) / pieces, later
-                    )
-                else:
-                    for k in range(3):
-                        later[k] = relative[index + 1, k]
-                length2, along = 0.0, 0.0
-                for k in range(3):
-                    velocity[k] = later[k] - position[k]
-                    length2 += velocity[k] * velocity[k]
-                    along -= velocity[k] * position[k]
-                if length2 > 0.0 and 0.0 < along < length2:
-                    share = along / length2
-                    for k in range(3):
-                        position[k] += share * velocity[k]
-                    moment += share * step / pieces
-                    distance = math.sqrt(position[0] ** 2 + position[1] ** 2 + position[2] ** 2)
+                hermite_position(
+                    relative[index], relative[index + 1], step, (piece + 1) / pieces, later
+                )
+                moment += move_to_nearest(position, later) * step / pieces
+            distance = math.sqrt(position[0] ** 2 + position[1] ** 2 + position[2] ** 2)
             if distance < separation:
                 separation, separation_time = distance, moment
                 for k in range(3):
