@@ -10,7 +10,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["FloatArray", "cross", "frobenius_norm", "is_finite", "norm", "skew"]
+__all__ = ["FloatArray", "cross", "is_finite", "norm", "skew"]
 
 FloatArray = npt.NDArray[np.float64]
 """An array of double precision numbers."""
@@ -21,15 +21,6 @@ def cross(left: npt.ArrayLike, right: npt.ArrayLike) -> FloatArray:
     ax, ay, az = np.asarray(left, dtype=float).tolist()
     bx, by, bz = np.asarray(right, dtype=float).tolist()
     return np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
-
-
-def frobenius_norm(symmetric: FloatArray) -> float:
-    """Return the Frobenius norm of a symmetric matrix (3, 3), which no eigenvalue exceeds.
-
-    As `numpy.linalg.eigvalsh` it takes the lower triangle.
-    """
-    (a, _, _), (d, b, _), (e, f, c) = symmetric.tolist()
-    return math.sqrt(a * a + b * b + c * c + 2.0 * (d * d + e * e + f * f))
 
 
 def is_finite(values: npt.ArrayLike) -> bool:

@@ -44,7 +44,7 @@ from vtff_control.safety.thrust_monitor import (
 from vtff_dynamics.constants import GM_EARTH
 from vtff_dynamics.orbit.elements import osculating_mean_motion
 from vtff_dynamics.relative.motion import hcw_transition_matrix
-from vtff_dynamics.vectors import FloatArray, frobenius_norm, norm
+from vtff_dynamics.vectors import FloatArray, norm
 
 __all__ = [
     "MODE_EVADE",
@@ -506,10 +506,8 @@ class FormationSafety:
             return True
         setting = self._setting
         gap = norm(given.relative_rtn[:3]) - setting.hard_radius
-        sigmas, horizon = setting.bounds.clear_sigmas, setting.escape_horizon
-        if sigmas * _largest_error_after(horizon, given.covariance_rtn) < gap:
-            return True
-        return sigmas * _error_after(horizon, given.covariance_rtn) < gap
+        error = _error_after(setting.escape_horizon, given.covariance_rtn)
+        return setting.bounds.clear_sigmas * error < gap
 
     def _is_better(self, track: _Track, given: SpacecraftInput) -> bool:
         """Return whether a poor state is still better than the prediction from the last one."""
@@ -771,13 +769,6 @@ def _error_after(seconds: float, covariance: FloatArray) -> float:
     position = float(np.linalg.eigvalsh(covariance[:3, :3])[-1])
     velocity = float(np.linalg.eigvalsh(covariance[3:, 3:])[-1])
     return math.sqrt(max(position, 0.0)) + seconds * math.sqrt(max(velocity, 0.0))
-
-
-def _largest_error_after(seconds: float, covariance: FloatArray) -> float:
-    """Return what `_error_after` does not exceed, without eigenvalues, whose cost is a tenth, m."""
-    position, velocity = frobenius_norm(covariance[:3, :3]), frobenius_norm(covariance[3:, 3:])
-    # More than what rounding adds to eigenvalues.
-    return (1.0 + 1e-9) * (math.sqrt(position) + seconds * math.sqrt(velocity))
 
 
 def compile_kernels(setting: SafetySetting) -> float:

@@ -19,7 +19,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from vtff_dynamics.vectors import FloatArray, frobenius_norm, is_finite, norm
+from vtff_dynamics.vectors import FloatArray, is_finite, norm
 
 __all__ = ["sigma_reason", "significant_velocity", "unsafe_velocity", "usable_covariance"]
 
@@ -73,8 +73,6 @@ def sigma_reason(
         Empty if the state may be tracked, else one line that says why not.
     """
     separation = norm(relative_state_rtn[:3])
-    if _largest_sigma(covariance_rtn) < min(maximum_sigma, maximum_sigma_ratio * separation):
-        return ""
     worst = np.linalg.eigvalsh(covariance_rtn[:3, :3])[-1]
     sigma = float(np.sqrt(max(worst, 0.0)))
     if sigma > maximum_sigma:
@@ -85,14 +83,6 @@ def sigma_reason(
             f"distance of {separation:.3g} m"
         )
     return ""
-
-
-def _largest_sigma(covariance_rtn: FloatArray) -> float:
-    """Return what no sigma of a position exceeds, without eigenvalues, which take longer, m.
-
-    It is the root of the Frobenius norm, with more than what rounding adds to eigenvalues.
-    """
-    return (1.0 + 1e-9) * math.sqrt(frobenius_norm(covariance_rtn[:3, :3]))
 
 
 def significant_velocity(velocity_rtn: FloatArray, covariance_rtn: FloatArray) -> FloatArray:
