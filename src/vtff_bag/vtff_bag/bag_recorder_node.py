@@ -87,8 +87,6 @@ class BagRecorderNode(VtffNode):
     """Record every topic into an MCAP bag, stamped with scenario time, until SIGINT or SIGTERM."""
 
     Parameters = BagRecorderParameters
-    #: It records /rosout.
-    needs_middleware = True
     yields_to_others = True
     #: What acts on messages goes before what keeps them.
     niceness = 5

@@ -77,8 +77,6 @@ class SurveyGuidanceNode(VtffNode):
     """
 
     Parameters = SurveyGuidanceNodeParameters
-    #: It calls the service and the action of formation_guidance.
-    needs_middleware = True
 
     def __init__(self, **node_arguments: object) -> None:
         super().__init__("survey_guidance", **node_arguments)

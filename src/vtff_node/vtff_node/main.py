@@ -6,7 +6,6 @@ import contextlib
 import faulthandler
 import gc
 import inspect
-import os
 import sys
 import time
 from collections.abc import Callable, Sequence
@@ -19,7 +18,6 @@ from rclpy.executors import ExternalShutdownException
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
-from vtff_msgs.msg import StepDone
 from vtff_node import parameters
 from vtff_node.node import ACKNOWLEDGE_TIMEOUT, EXIT_FAILURE, EXIT_USAGE, CommonParameters, VtffNode
 from vtff_node.parameters import ParameterError
@@ -93,11 +91,8 @@ def spin(nodes: Sequence[VtffNode], stop: StopRequest) -> int:
     gc.enable()
     executor = make_executor()
     ended: Future = Future()
-    delivery = VtffNode.local_delivery
 
     def end() -> None:
-        if delivery is not None:
-            delivery.close()
         if not ended.done():
             ended.set_result(None)
 
@@ -113,10 +108,6 @@ def spin(nodes: Sequence[VtffNode], stop: StopRequest) -> int:
         executor.add_node(node)
         node.on_finish = end
         node.begin()
-    if delivery is not None:
-        delivery.gathers = all(node.lockstep for node in nodes)
-        delivery.call_soon = executor.create_task
-        delivery.deliver_soon()  # what nodes have published while they were made
     watch.start()
     if not any(node.lockstep for node in nodes) and not is_niceness_chosen():
         niceness = min(node.niceness for node in nodes)
@@ -175,9 +166,6 @@ def run_nodes(factories: Sequence[Callable[[], VtffNode]], arguments: Sequence[s
         if stop.requested:  # a signal came while Python was still starting
             return 0
         rclpy.init(args=list(arguments), signal_handler_options=SignalHandlerOptions.NO)
-        if VtffNode.local_delivery is not None and _middleware_delivers_locally():
-            # Another profile holds, such as DEFAULT_FASTRTPS_PROFILES.xml of the working directory.
-            VtffNode.local_delivery = None
         for factory in factories:
             nodes.append(factory())
     except USAGE_ERRORS as error:
@@ -201,20 +189,6 @@ def run_nodes(factories: Sequence[Callable[[], VtffNode]], arguments: Sequence[s
         for node in nodes:
             node.destroy_node()
         rclpy.try_shutdown()
-
-
-def _middleware_delivers_locally() -> bool:
-    """Return whether the middleware brings messages of this process to this process."""
-    name = f"_vtff_probe_{os.getpid()}"
-    node = rclpy.create_node(
-        name, use_global_arguments=False, enable_rosout=False, start_parameter_services=False
-    )
-    try:
-        publisher = node.create_publisher(StepDone, name, 1)
-        node.create_subscription(StepDone, name, lambda message: None, 1)
-        return bool(publisher.get_subscription_count())
-    finally:
-        node.destroy_node()
 
 
 def _end_without_memory(nodes: Sequence[VtffNode], error: MemoryError) -> int:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import functools
 import json
 import os
 import pathlib
@@ -13,20 +12,17 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from rclpy.client import Client
 from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.publisher import Publisher
-from rclpy.qos import DurabilityPolicy, QoSProfile
-from rclpy.serialization import deserialize_message, serialize_message
+from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 from rclpy.timer import Timer
 
 from vtff_msgs.msg import StepDone
 from vtff_node import diagnostics, parameters, qos
 from vtff_node.plugins.loading import Plugin, PluginError, PluginGroup, load_plugin
-from vtff_node.process.local_delivery import LocalDelivery
 from vtff_node.process.run_environment import PROGRESS_VARIABLE, RUN_DIRECTORY_VARIABLE
 from vtff_node.samples import SampleError, SampleReader
 from vtff_node.stamps import to_nanoseconds, to_stamp
@@ -77,51 +73,10 @@ class CountingPublisher(Publisher):
 
     published = 0
 
-    def __init__(self, publisher: Any, message_type: type, *arguments: Any, **options: Any) -> None:
-        super().__init__(publisher, message_type, *arguments, **options)
-        self._publish_raw: Callable[[bytes], None] = publisher.publish_raw
-        self._delivery = VtffNode.local_delivery
-        self._receivers = (
-            []
-            if self._delivery is None
-            else self._delivery.receivers_of((self.topic_name, message_type))
-        )
-
     def publish(self, msg: Any) -> None:
         """Publish a message or serialised bytes and count it."""
-        if isinstance(msg, bytes):
-            self.publish_bytes(msg)
-        else:
-            self.published += 1
-            if self._delivery is not None:
-                self._delivery.publish_gathered()  # those of its topic before it
-            super().publish(msg)
-            if self._delivery is not None and self._delivery.has_use_for(self._receivers):
-                # Not for the recorder: more bytes than the message has, of unknown content.
-                self._delivery.send(self._receivers, serialize_message(msg))
-
-    def publish_bytes(self, content: bytes) -> None:
-        """Publish a serialised message and count it."""
         self.published += 1
-        if self._delivery is None:
-            self._publish_raw(content)
-        else:
-            self._delivery.publish(self._publish_raw, content)
-            self._delivery.send(self._receivers, content)
-
-    def wait_for_all_acked(self, *arguments: Any, **options: Any) -> bool:
-        """Wait for acknowledgements as rclpy does, also of what waits for the end of a turn."""
-        if self._delivery is not None:
-            self._delivery.publish_gathered()
-        return bool(super().wait_for_all_acked(*arguments, **options))
-
-    def get_subscription_count(self) -> int:
-        """Return how many subscriptions this publisher has, those of its process among them."""
-        return self.count_subscriptions_of_middleware() + len(self._receivers)
-
-    def count_subscriptions_of_middleware(self) -> int:
-        """Return how many subscriptions the middleware serves: not those of `local_delivery`."""
-        return int(super().get_subscription_count())
+        super().publish(msg)
 
 
 class VtffNode(Node):
@@ -137,19 +92,12 @@ class VtffNode(Node):
     Plugins: ClassVar[PluginGroup | None] = None
     #: Whether a process of such nodes alone never interrupts the work of another process.
     yields_to_others: ClassVar[bool] = False
-    #: Whether it can hear nodes of its own process by the middleware alone: it calls their services
-    #: or actions, or records their logs. No messages are delivered locally in such a process.
-    needs_middleware: ClassVar[bool] = False
-    #: Brings the messages of the nodes of this process to each other; None: the middleware does.
-    local_delivery: ClassVar[LocalDelivery | None] = None
     #: Niceness in real time where the system permits it: other work of the machine waits then, so
     #: that it does not come between a measurement and its command. Below 0 such a process also asks
     #: for a real-time priority.
     niceness: ClassVar[int] = -10
 
     def __init__(self, name: str, **node_arguments: Any) -> None:
-        #: Ends what subscriptions receive from nodes of this process.
-        self._end_receiving: dict[Subscription, Callable[[], None]] = {}
         super().__init__(name, **node_arguments)
         self.common = parameters.declare(self, CommonParameters)
         #: In lockstep, subscriptions also receive what was published before their discovery.
@@ -217,88 +165,6 @@ class VtffNode(Node):
         assert isinstance(publisher, CountingPublisher)
         self._counted.append(publisher)
         return publisher
-
-    def create_publisher(self, msg_type: Any, *arguments: Any, **options: Any) -> Publisher:
-        """Create a publisher as rclpy does; nodes of this process hear it by `local_delivery`."""
-        if VtffNode.local_delivery is not None:
-            options.setdefault("publisher_class", CountingPublisher)
-        return super().create_publisher(msg_type, *arguments, **options)
-
-    def create_subscription(
-        self,
-        msg_type: Any,
-        topic: str,
-        callback: Callable[[Any], Any],
-        *arguments: Any,
-        **options: Any,
-    ) -> Subscription:
-        """Create a subscription as rclpy does; it hears nodes of this process, too.
-
-        Raises
-        ------
-        RuntimeError
-            If its topic is /rosout and messages are delivered locally, see `create_client`.
-        """
-        delivery = VtffNode.local_delivery
-        if delivery is None:
-            return super().create_subscription(msg_type, topic, callback, *arguments, **options)
-        if self.resolve_topic_name(topic) == "/rosout":
-            self._refuse_local_delivery("hears /rosout")
-        wrapped = delivery.delivering_after(callback)
-        subscription = super().create_subscription(msg_type, topic, wrapped, *arguments, **options)
-        receiver: Callable[[bytes], Any] = callback
-        if not options.get("raw"):
-            deserialize = functools.partial(deserialize_message, message_type=msg_type)
-            receiver = _taking_bytes(deserialize, callback)
-        durability = subscription.qos_profile.durability
-        self._end_receiving[subscription] = delivery.add_receiver(
-            (subscription.topic_name, msg_type),
-            receiver,
-            with_history=durability is DurabilityPolicy.TRANSIENT_LOCAL,
-        )
-        return subscription
-
-    def destroy_subscription(self, subscription: Subscription) -> bool:
-        """Destroy a subscription as rclpy does."""
-        self._end_receiving.pop(subscription, lambda: None)()
-        return bool(super().destroy_subscription(subscription))
-
-    def create_timer(
-        self, timer_period_sec: float, callback: Callable[[], Any], *arguments: Any, **options: Any
-    ) -> Timer:
-        """Create a timer as rclpy does."""
-        if VtffNode.local_delivery is not None:
-            callback = VtffNode.local_delivery.delivering_after(callback)
-        return super().create_timer(timer_period_sec, callback, *arguments, **options)
-
-    def create_client(self, *arguments: Any, **options: Any) -> Client:
-        """Create a client of a service as rclpy does.
-
-        Raises
-        ------
-        RuntimeError
-            If messages are delivered locally, so that services of this process are not heard.
-        """
-        self._refuse_local_delivery("calls services")
-        return super().create_client(*arguments, **options)
-
-    def add_waitable(self, waitable: Any) -> None:
-        """Add a waitable as rclpy does.
-
-        Raises
-        ------
-        RuntimeError
-            If it is a client of an action and messages are delivered locally, see `create_client`.
-        """
-        if type(waitable).__name__ == "ActionClient":
-            self._refuse_local_delivery("calls actions")
-        super().add_waitable(waitable)
-
-    def _refuse_local_delivery(self, what: str) -> None:
-        """Raise RuntimeError where this node does what only the middleware can bring about."""
-        if VtffNode.local_delivery is not None:
-            name = type(self).__name__
-            raise RuntimeError(f"{name} {what}: its class must set needs_middleware = True")
 
     def subscribe(
         self,
@@ -604,17 +470,6 @@ class VtffNode(Node):
             (folder / f"{name}.json").write_text(text, encoding="utf-8")
         except OSError as error:
             self.get_logger().error(f"the message counts cannot be written: {error}")
-
-
-def _taking_bytes(
-    deserialize: Callable[[bytes], Any], callback: Callable[[Any], Any]
-) -> Callable[[Any], Any]:
-    """Return a callback that takes a message as bytes, or as it is, and hands it on."""
-
-    def take(content: Any) -> None:
-        callback(deserialize(content) if isinstance(content, bytes) else content)
-
-    return take
 
 
 def _find_progress_descriptor() -> int | None:

@@ -1,4 +1,4 @@
-"""Nodes that share a process hear each other without the middleware, and all others with it."""
+"""Nodes that share a process hear each other and others, each message once."""
 
 from __future__ import annotations
 
@@ -19,30 +19,15 @@ from domain_coordinator import domain_id
 from rclpy.executors import SingleThreadedExecutor
 from std_msgs.msg import String
 
-from vtff_bag.bag_recorder_node import BagRecorderNode
-from vtff_bringup.system import composed
-from vtff_control.sdre_controller_node import SdreControllerNode
-from vtff_control.survey_guidance_node import SurveyGuidanceNode
+from vtff_bringup.run.domain import PROFILES_VARIABLE
 from vtff_node import qos
-from vtff_node.node import VtffNode
-from vtff_node.process.run_environment import PROFILES_VARIABLE
 
 PROFILE = pathlib.Path(__file__).resolve().parents[4] / "config/dds/fastdds.xml"
-DEFAULT_PROFILES = """<?xml version="1.0" encoding="UTF-8"?>
-<profiles xmlns="http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles">
-  <participant profile_name="own" is_default_profile="true"><rtps/></participant>
-</profiles>
-"""
 LIMIT = 60.0  # s after which a test gives up
 
 PROGRAM = """
-    import pathlib, sys
-    from rcl_interfaces.msg import Log
-    from rclpy.action import ActionClient
+    import sys
     from std_msgs.msg import String
-    from std_srvs.srv import Trigger
-    from vtff_bringup.system.composed import deliver_locally
-    from vtff_msgs.action import Reconfigure
     from vtff_node.main import run_nodes
     from vtff_node.node import VtffNode
 
@@ -79,45 +64,16 @@ PROGRAM = """
                 raise KeyError("broken")
             self.heard.publish(String(data=message.data))
 
-    class Asking(Listener):
-        def __init__(self):
-            super().__init__()
-            self.create_client(Trigger, "service")
-
-    class Commanding(Listener):
-        def __init__(self):
-            super().__init__()
-            ActionClient(self, Reconfigure, "action")
-
-    class Reading(Listener):
-        def __init__(self):
-            super().__init__()
-            self.create_subscription(Log, "/rosout", print, 10)
-
-    assert deliver_locally([Speaker, Listener], pathlib.Path(sys.argv[1])) is {is_local}
-    sys.exit(run_nodes([Speaker, {listener}], sys.argv[:1]))
+    sys.exit(run_nodes([Speaker, Listener], sys.argv[:1]))
 """
 
 
-def start(
-    folder: pathlib.Path,
-    domain: int,
-    *,
-    broken: str = "",
-    listener: str = "Listener",
-    is_local: bool = True,
-) -> subprocess.Popen[str]:
+def start(folder: pathlib.Path, domain: int, *, broken: str = "") -> subprocess.Popen[str]:
     """Start the process of both nodes."""
-    program = textwrap.dedent(PROGRAM).format(broken=broken, listener=listener, is_local=is_local)
-    environment = {
-        **os.environ,
-        "ROS_DOMAIN_ID": str(domain),
-        PROFILES_VARIABLE: str(PROFILE),
-        composed.LOCAL_DELIVERY_VARIABLE: "" if is_local else "0",
-    }
+    program = textwrap.dedent(PROGRAM).format(broken=broken)
     return subprocess.Popen(
-        [sys.executable, "-c", program, str(folder)],
-        env=environment,
+        [sys.executable, "-c", program],
+        env={**os.environ, "ROS_DOMAIN_ID": str(domain), PROFILES_VARIABLE: str(PROFILE)},
         cwd=folder,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
@@ -164,13 +120,8 @@ def other(monkeypatch) -> Iterator[Other]:
         made.close()
 
 
-@pytest.mark.parametrize("case", ["local", "middleware", "another profile holds"])
-def test_each_message_comes_once_within_the_process_and_to_and_from_others(other, tmp_path, case):
-    is_local = case != "middleware"
-    if case == "another profile holds":
-        # Fast DDS finds it in the working directory, and it goes before that of the environment.
-        (tmp_path / "DEFAULT_FASTRTPS_PROFILES.xml").write_text(DEFAULT_PROFILES)
-    process = start(tmp_path, other.domain, is_local=is_local)
+def test_each_message_comes_once_within_the_process_and_to_and_from_others(other, tmp_path):
+    process = start(tmp_path, other.domain)
     try:
         other.until_heard("3")
         other.say("end")
@@ -183,16 +134,15 @@ def test_each_message_comes_once_within_the_process_and_to_and_from_others(other
     assert heard == ["made", "1", "2", "3", "end"]
     lines = output.splitlines()
     assert [line for line in lines if line.startswith("heard")] == [f"heard {w}" for w in heard]
-    # The subscription of the process counts, as without local delivery. "made" may be overlooked.
+    # The subscription of the process counts. "made" may be overlooked.
     assert [line for line in lines if line.startswith("back")][-4:] == [
         f"back {word} 1" for word in heard[1:]
     ]
-    assert (tmp_path / composed.PROFILE_FILE).exists() is is_local
 
 
 @pytest.mark.parametrize("broken", ["made", "1"])
 def test_a_callback_that_fails_ends_the_process(other, tmp_path, broken):
-    """Also that of a message that no callback has published."""
+    """Also that of a message from before the first callback."""
     process = start(tmp_path, other.domain, broken=broken)
     try:
         _, errors = process.communicate(timeout=LIMIT)
@@ -200,57 +150,3 @@ def test_a_callback_that_fails_ends_the_process(other, tmp_path, broken):
         process.kill()
     assert process.returncode == 1
     assert errors.strip().endswith("KeyError: 'broken'")
-
-
-@pytest.mark.parametrize(
-    ("listener", "what"),
-    [("Asking", "calls services"), ("Commanding", "calls actions"), ("Reading", "hears /rosout")],
-)
-def test_a_node_that_needs_the_middleware_must_say_so(tmp_path, listener, what):
-    with domain_id() as domain:
-        process = start(tmp_path, domain, listener=listener)
-        _, errors = process.communicate(timeout=LIMIT)
-    assert process.returncode == 1
-    assert f"{listener} {what}: its class must set needs_middleware = True" in errors
-
-
-@pytest.fixture
-def undelivered(monkeypatch):
-    """The class without a delivery, whatever a test sets, and the profile of vtff."""
-    monkeypatch.setattr(VtffNode, "local_delivery", None)
-    monkeypatch.setenv(PROFILES_VARIABLE, str(PROFILE))
-    monkeypatch.delenv(composed.LOCAL_DELIVERY_VARIABLE, raising=False)
-
-
-def test_the_profile_is_that_of_vtff_with_one_property(undelivered, tmp_path):
-    assert composed.deliver_locally([SdreControllerNode], tmp_path)
-    changed = (tmp_path / composed.PROFILE_FILE).read_text()
-    assert os.environ[PROFILES_VARIABLE] == str(tmp_path / composed.PROFILE_FILE)
-    assert changed.replace(composed._IGNORES_OWN_ENDPOINTS, "") == PROFILE.read_text()
-    participant = changed.index("vtff_participant")
-    assert participant < changed.index("fastdds.ignore_local_endpoints") < len(changed)
-
-
-@pytest.mark.parametrize("node_class", [BagRecorderNode, SurveyGuidanceNode])
-def test_with_a_node_that_needs_the_middleware_all_messages_go_through_it(
-    undelivered, tmp_path, node_class
-):
-    assert not composed.deliver_locally([SdreControllerNode, node_class], tmp_path)
-    assert VtffNode.local_delivery is None
-    assert os.environ[PROFILES_VARIABLE] == str(PROFILE)
-
-
-@pytest.mark.parametrize("profile", ["", "absent.xml", "own.xml", "properties.xml"])
-def test_a_profile_of_the_user_stays_as_it_is(undelivered, tmp_path, monkeypatch, profile):
-    (tmp_path / "own.xml").write_text("<dds><profiles><participant/></profiles></dds>")
-    properties = "<rtps><propertiesPolicy><properties/></propertiesPolicy>"
-    (tmp_path / "properties.xml").write_text(PROFILE.read_text().replace("<rtps>", properties))
-    chosen = str(tmp_path / profile) if profile else ""
-    monkeypatch.setenv(PROFILES_VARIABLE, chosen)
-    assert not composed.deliver_locally([SdreControllerNode], tmp_path)
-    assert os.environ[PROFILES_VARIABLE] == chosen
-
-
-def test_another_middleware_is_left_alone(undelivered, tmp_path, monkeypatch):
-    monkeypatch.setattr(composed, "get_rmw_implementation_identifier", lambda: "rmw_cyclonedds_cpp")
-    assert not composed.deliver_locally([SdreControllerNode], tmp_path)

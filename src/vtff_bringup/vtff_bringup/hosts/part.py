@@ -7,10 +7,9 @@ from collections.abc import Mapping
 from typing import Any
 
 from vtff_bringup.hosts.dds_profile import write_profile
-from vtff_bringup.run.domain import DOMAIN_VARIABLE, RANGE_VARIABLE
+from vtff_bringup.run.domain import DOMAIN_VARIABLE, PROFILES_VARIABLE, RANGE_VARIABLE
 from vtff_bringup.run.host_session import HostSession
 from vtff_bringup.system.description import HostDescription, SystemDescription
-from vtff_node.process.run_environment import PROFILES_VARIABLE
 
 __all__ = [
     "CONCLUSION_LIMIT",

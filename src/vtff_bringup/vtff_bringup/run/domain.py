@@ -18,7 +18,6 @@ import sys
 from collections.abc import Iterator, Mapping, Sequence
 
 from vtff_node.executables import share_file
-from vtff_node.process.run_environment import PROFILES_VARIABLE
 
 __all__ = [
     "DOMAIN_VARIABLE",
@@ -30,6 +29,7 @@ __all__ = [
 
 DOMAIN_VARIABLE = "ROS_DOMAIN_ID"
 RANGE_VARIABLE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
+PROFILES_VARIABLE = "FASTRTPS_DEFAULT_PROFILES_FILE"
 
 #: Domains that a run may take by itself; above 101 their ports overlap those of other programs.
 FREE_DOMAINS = range(1, 101)

@@ -34,8 +34,6 @@ __all__ = ["EventPublisher"]
 
 #: Longest wait for the subscribers to have an ephemeris, s of wall time; only in lockstep.
 ACKNOWLEDGE_LIMIT = 5.0
-#: Name of recorders, which need no order among topics.
-RECORDER = "bag_recorder"
 
 
 class EventPublisher:
@@ -151,22 +149,9 @@ class EventPublisher:
     def _confirm_ephemerides(self) -> None:
         """In lockstep, wait until the subscribers have all ephemerides that were published."""
         if self._node.lockstep:
-            for publisher in filter(self._may_be_overtaken, self._unconfirmed):
+            for publisher in self._unconfirmed:
                 publisher.wait_for_all_acked(Duration(seconds=ACKNOWLEDGE_LIMIT))
         self._unconfirmed.clear()
-
-    def _may_be_overtaken(self, publisher: CountingPublisher) -> bool:
-        """Return whether a subscriber may get observations before ephemerides of an earlier time.
-
-        Topics keep their order within a process, and recorders need none. An acknowledgement takes
-        a quarter of a second: DDS asks for it with a heartbeat after it has ceased to wait for a
-        request to repeat.
-        """
-        if self._node.local_delivery is None:
-            return True
-        subscriptions = self._node.get_subscriptions_info_by_topic(publisher.topic_name)
-        recorders = sum(each.node_name == RECORDER for each in subscriptions)
-        return bool(publisher.count_subscriptions_of_middleware() > recorders)
 
     def _publish_ism_slant_tec(self, event: IsmSlantTec) -> None:
         if self._ism_slant_tec is None:

@@ -5,11 +5,9 @@ Without ROS: the program that starts the processes needs neither rclpy nor messa
 
 from __future__ import annotations
 
-__all__ = ["PROFILES_VARIABLE", "PROGRESS_VARIABLE", "RUN_DIRECTORY_VARIABLE"]
+__all__ = ["PROGRESS_VARIABLE", "RUN_DIRECTORY_VARIABLE"]
 
 #: Folder of the current run; nodes leave their message counts there.
 RUN_DIRECTORY_VARIABLE = "VTFF_RUN_DIRECTORY"
 #: File descriptor for progress lines (JSON).
 PROGRESS_VARIABLE = "VTFF_PROGRESS_FD"
-#: File with the profile of Fast DDS, in whose words.
-PROFILES_VARIABLE = "FASTRTPS_DEFAULT_PROFILES_FILE"
