@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import operator
+import time
 
 import pytest
 
@@ -11,6 +12,7 @@ rclpy = pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 from geometry_msgs.msg import AccelStamped  # noqa: E402
 from hypothesis import given, settings  # noqa: E402
 from hypothesis import strategies as st  # noqa: E402
+from rclpy.executors import SingleThreadedExecutor  # noqa: E402
 from rclpy.serialization import deserialize_message, serialize_message  # noqa: E402
 from rosgraph_msgs.msg import Clock  # noqa: E402
 
@@ -18,6 +20,7 @@ from vtff_msgs import msg as vtff_messages  # noqa: E402
 from vtff_msgs.msg import FormationGuidance, RelativeState  # noqa: E402
 from vtff_node.samples import SampleError, SampleReader  # noqa: E402
 
+LIMIT = 20.0  # s of wall time for what takes a fraction of one
 #: What nodes subscribe to, and all other messages of vtff.
 TYPES = [
     AccelStamped,
@@ -84,7 +87,7 @@ def test_a_foreign_text_in_a_list_is_refused():
 
 
 @pytest.mark.parametrize("kind", TYPES, ids=lambda kind: kind.__name__)
-@settings(max_examples=60)
+@settings(max_examples=25)
 @given(data=st.data())
 def test_damaged_bytes_give_a_message_or_are_refused(kind, data):
     content = bytearray(serialize_message(filled(kind)))
@@ -104,3 +107,37 @@ def test_a_text_without_nul_keeps_its_last_letter():
     """As rclpy reads it; writers of other languages leave the NUL out."""
     content = serialize_message(filled(RelativeState)).replace(b"text0\0", b"text0!")
     assert SampleReader(RelativeState).read(content).header.frame_id == "text0!"
+
+
+@pytest.mark.parametrize("latched", [False, True])
+def test_a_node_drops_and_counts_what_is_no_message(ros_context, latched):
+    from vtff_node import qos
+    from vtff_node.node import VtffNode
+
+    node, heard = VtffNode("listener", context=ros_context), []
+    for topic in ("/first", "/second"):
+        node.subscribe(RelativeState, topic, heard.append, latched=latched)
+    executor = SingleThreadedExecutor(context=ros_context)
+    executor.add_node(node)
+    publishers = [
+        node.create_publisher(RelativeState, topic, qos.PUBLISH) for topic in ("/first", "/second")
+    ]
+    whole = serialize_message(filled(RelativeState))
+    try:
+        deadline = time.monotonic() + LIMIT
+        while not all(publisher.get_subscription_count() for publisher in publishers):
+            assert time.monotonic() < deadline
+            executor.spin_once(timeout_sec=0.05)
+        for content in (whole[:40], whole.replace(b"text1", b"\xffext1"), whole):
+            publishers[0].publish(content)
+        publishers[1].publish(whole[:44])
+        publishers[1].publish(whole)
+        while len(heard) < 2 and time.monotonic() < deadline:
+            executor.spin_once(timeout_sec=0.05)
+        assert heard == [filled(RelativeState)] * 2
+        (report,) = node._sample_reports()
+        counts = {value.key: value.value for value in report.values}
+        assert report.message == "3 samples dropped" and counts == {"/first": "2", "/second": "1"}
+    finally:
+        executor.shutdown()
+        node.destroy_node()

@@ -461,6 +461,7 @@ class VtffNode(Node):
             "exit_code": self.exit_code,
             "process_cpu_time_s": round(time.process_time(), 3),
             "published": counts,
+            "dropped_samples": self._dropped_samples,
         }
         folder = pathlib.Path(directory) / "nodes"
         name = self._qualified_name.strip("/").replace("/", "__")

@@ -86,6 +86,16 @@ def test_what_was_and_is_published_arrives_once(graph):
     assert graph.live.as_json()["series"] == []
 
 
+def test_what_is_no_message_is_forwarded_and_not_shown(graph):
+    graph.publish(0)
+    message = OrbitState()
+    message.header.stamp = to_stamp((START + 1) * 10**9)
+    graph.publisher.publish(serialize_message(message)[:40])
+    graph.publish(2)
+    graph.until(lambda: len(graph.forwarded) == 3)
+    assert graph.times() == [0.0, 2.0]
+
+
 def test_late_edges_and_health_of_slower_nodes_are_no_step_back():
     live = LiveScene("test")
     _, counts = live.news({})

@@ -10,7 +10,6 @@ from typing import Any
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
-from rclpy.serialization import deserialize_message
 from std_srvs.srv import Trigger
 
 from vtff_analysis.view.regions import add_dip_equator
@@ -23,6 +22,7 @@ from vtff_bag.recorder.offered_qos import strongest_common
 from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
 from vtff_msgs.srv import Seek, SetRate
 from vtff_node.qos import HISTORY_DEPTH
+from vtff_node.samples import SampleError, SampleReader
 
 SEARCH_INTERVAL = 0.5  # s of wall time between looks for new topics
 ANSWER_TIMEOUT = 2.0  # s of wall time for an answer of the replay
@@ -176,13 +176,19 @@ class ViewerNode(Node):
         )
         stamped = type_name == CLOCK_TYPE or first_field_type(type_name) == "std_msgs/Header"
         shown = self._live.shows(topic)
+        reader = SampleReader(message_type)
 
         def take(serialized: bytes) -> None:
             self.received += 1
             stamp = (leading_stamp(serialized) if stamped else 0) or self._newest
             self._newest = stamp
             if shown and stamp:
-                self._live.take(topic, stamp, lambda: deserialize_message(serialized, message_type))
+                try:
+                    self._live.take(topic, stamp, lambda: reader.read(serialized))
+                except SampleError as error:
+                    self.get_logger().warning(
+                        f"a sample of {topic} is not shown: {error}", throttle_duration_sec=5.0
+                    )
             if self._forward is not None:
                 self._forward(topic, type_name, serialized, stamp)
 

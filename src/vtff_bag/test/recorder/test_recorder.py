@@ -249,6 +249,42 @@ def test_without_clock_the_newest_stamp_is_the_time(recording):
     assert close_and_read(recording) == [("/state", 5), ("/state", 7), ("/text", 7)]
 
 
+def test_a_clock_cut_short_is_recorded_and_is_no_step(tmp_path):
+    pytest.importorskip("rclpy")
+    acknowledged = []
+    node, writer = FakeNode(TOPICS), BagWriter(tmp_path / "bag")
+    acknowledger = Acknowledger(acknowledged.append, 1)
+    recorder = Recorder(node, writer, TopicSelection(), acknowledger)
+    recorder.tick()
+    acknowledger.allow_first()
+    for serialized in (stamped(100)[:8], stamped(100), stamped(101)[:4], stamped(101)):
+        node.callbacks["/clock"](serialized)
+    assert acknowledged == [100 * SECOND, 101 * SECOND]
+    recorder.finish()
+    writer.close()
+    items = [(len(m.serialized), m.log_time) for m in BagReader(tmp_path / "bag").raw_messages()]
+    assert items == [
+        (8, 100 * SECOND),
+        (len(stamped(0)), 100 * SECOND),
+        (4, 100 * SECOND),
+        (len(stamped(0)), 101 * SECOND),
+    ]
+
+
+def test_a_damaged_statement_is_recorded_and_states_nothing(tmp_path):
+    pytest.importorskip("rclpy")
+    node = FakeNode({**TOPICS, "/diagnostics": "diagnostic_msgs/msg/DiagnosticArray"})
+    with BagWriter(tmp_path / "bag") as writer:
+        recorder = Recorder(node, writer, TopicSelection(), expected_nodes=["/deputy/relative_ekf"])
+        recorder.tick()
+        node.callbacks["/diagnostics"](statement("/deputy/relative_ekf", {})[:30])
+        assert recorder.received == 1 and not recorder.stable
+        recorder.finish()
+    assert node.warnings == [
+        "a sample of /diagnostics states nothing: 30 bytes that are no DiagnosticArray"
+    ]
+
+
 def test_messages_that_never_get_a_time_are_kept(recording):
     recording.node.callbacks["/text"](bag_samples.string_message("x"))
     assert [topic for topic, _ in close_and_read(recording)] == ["/text"]

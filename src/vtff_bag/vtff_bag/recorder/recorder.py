@@ -260,9 +260,15 @@ class Recorder:
         """Take what a node states about its topics, until all are heard."""
         if self.stable:
             return
-        from rclpy.serialization import deserialize_message
+        # Imported here, so that the rules of the recorder can be tested without ROS.
+        from vtff_node.samples import SampleError, SampleReader
 
-        for status in deserialize_message(serialized, message_class(DIAGNOSTICS_TYPE)).status:
+        try:
+            message = SampleReader(message_class(DIAGNOSTICS_TYPE)).read(serialized)
+        except SampleError as error:
+            self._warn(f"a sample of {DIAGNOSTICS_TOPIC} states nothing: {error}")
+            return
+        for status in message.status:
             statement = read_listeners(status)
             if statement is not None:
                 self._expected.state(*statement)
@@ -323,6 +329,9 @@ class Recorder:
 
         def on_clock(serialized: bytes) -> None:
             stamp = leading_stamp(serialized)
+            if not stamp:  # cut short
+                on_unstamped(serialized)
+                return
             scenario_time.take_clock(stamp)
             self._write(number, serialized, stamp)
             if self._acknowledger is not None:
