@@ -16,17 +16,14 @@ __all__ = [
     "KERNEL_OK",
     "KERNEL_OVERFLOW",
     "KERNEL_SINGULAR",
-    "KERNEL_UNUSUAL",
     "factorise",
     "reduce",
     "search",
-    "solve",
 ]
 
 KERNEL_OK = 0
 KERNEL_SINGULAR = 1
 KERNEL_OVERFLOW = 2
-KERNEL_UNUSUAL = 3
 
 _SINGULAR = 32.0 * float(np.finfo(float).eps)
 """A conditional variance below this fraction of the variance, times n, is rounding error."""
@@ -217,54 +214,3 @@ def search(center, lower, variances, candidates, norms, node_limit):  # type: ig
         chosen[k] += step[k]
         offset = conditional[k] - chosen[k]
         step[k] = -step[k] - (1.0 if step[k] > 0.0 else -1.0)
-
-
-@compiled
-def solve(ambiguities, covariance, largest, integers, norms, node_limit):  # type: ignore[no-untyped-def]
-    """Do all of `least_squares.search` at once: for few ambiguities its steps cost more than this.
-
-    `integers` (m, n), whole numbers, and `norms` (m,) are filled. Returns a ``KERNEL_*``, the
-    number of nodes (as `search`) and the success rate of bootstrapping. What is not usual (numbers
-    that are not finite or beyond `largest`) is left to the steps one by one, which give reasons.
-    """
-    n = covariance.shape[0]
-    matrix = np.empty((n, n))
-    nearest = np.empty(n)
-    for i in range(n):
-        if not abs(ambiguities[i]) <= largest:
-            return KERNEL_UNUSUAL, 0, 0.0
-        nearest[i] = np.rint(ambiguities[i])
-        for j in range(n):
-            matrix[i, j] = 0.5 * (covariance[i, j] + covariance[j, i])
-            if not abs(matrix[i, j]) < math.inf:
-                return KERNEL_UNUSUAL, 0, 0.0
-    lower = np.zeros((n, n))
-    variances = np.empty(n)
-    order = np.empty(n, dtype=np.int64)
-    code, _ = factorise(matrix, lower, variances, order)
-    if code != KERNEL_OK:
-        return code, 0, 0.0
-    transformation = np.zeros((n, n), dtype=np.int64)
-    inverse_transposed = np.zeros((n, n), dtype=np.int64)
-    for i in range(n):
-        transformation[order[i], i] = 1
-        inverse_transposed[order[i], i] = 1
-    code = reduce(lower, variances, transformation, inverse_transposed)
-    if code != KERNEL_OK:
-        return code, 0, 0.0
-    center = np.zeros(n)
-    success_rate = 1.0
-    for i in range(n):
-        success_rate *= math.erf(0.5 / math.sqrt(2.0 * variances[i]))
-        for j in range(n):
-            # Integer parts are taken off first, so that combining the fractions loses no digits.
-            center[i] += transformation[j, i] * (ambiguities[j] - nearest[j])
-    candidates = np.zeros(integers.shape)
-    nodes = search(center, lower, variances, candidates, norms, node_limit)
-    for rank in range(integers.shape[0]):
-        for i in range(n):
-            whole = np.int64(nearest[i])
-            for j in range(n):
-                whole += inverse_transposed[i, j] * np.int64(candidates[rank, j])
-            integers[rank, i] = whole
-    return KERNEL_OK, nodes, success_rate

@@ -15,9 +15,8 @@ modified LAMBDA method for integer least-squares estimation", J. Geodesy 79, 552
 from __future__ import annotations
 
 import enum
-import itertools
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -279,26 +278,6 @@ def search(
     n = len(matrix)
     if ambiguities.shape != (n,):
         raise ValueError(f"float_ambiguities: shape ({n},) expected, got {ambiguities.shape}")
-    if n > 0 and matrix.shape == (n, n) and candidates >= 1:
-        integers, norms = np.empty((candidates, n), dtype=np.int64), np.zeros(candidates)
-        code, nodes, success_rate = kernels.solve(
-            np.ascontiguousarray(ambiguities), matrix, _LARGEST_AMBIGUITY, integers, norms,
-            node_limit,
-        )  # fmt: skip
-        if code == kernels.KERNEL_OK and nodes < 0:
-            return _unsolved_in_time(n, success_rate, node_limit)
-        if code == kernels.KERNEL_OK:
-            order = _order_of_ties(norms, integers)
-            return IntegerSolution(
-                candidates=integers if order is None else integers[order],
-                squared_norms=norms,
-                ratio=_ratio(norms),
-                success_rate=success_rate,
-                status=IntegerStatus.OK,
-                reason="",
-                nodes=nodes,
-            )
-    # One by one, so that what is wrong is told.
     if not np.isfinite(ambiguities).all():
         index = int(np.argmin(np.isfinite(ambiguities)))
         reason = f"float_ambiguities[{index}] is {ambiguities[index]}"
@@ -310,14 +289,18 @@ def search(
     decorrelation = decorrelate(covariance)
     if decorrelation.status is not IntegerStatus.OK:
         return _unsolved(n, decorrelation.status, decorrelation.reason)
-    # Without ambiguities there is nothing to search.
-    return search_decorrelated(
-        ambiguities,
+    # Integer parts are taken off first, so that combining the fractions loses no digits.
+    whole = np.rint(ambiguities)
+    found = search_decorrelated(
+        (ambiguities - whole) @ decorrelation.transformation,
         decorrelation.lower,
         decorrelation.conditional_variances,
         candidates,
         node_limit,
     )
+    integers = found.candidates @ decorrelation.inverse_transposed.T + whole.astype(np.int64)
+    order = _order_of_ties(found.squared_norms, integers)
+    return replace(found, candidates=integers[order])
 
 
 def compile_kernels() -> float:
@@ -337,14 +320,8 @@ def _ratio(squared_norms: FloatArray) -> float:
     return second / best if best > 0.0 else float("inf")
 
 
-def _order_of_ties(squared_norms: FloatArray, integers: IntegerArray) -> list[int] | None:
-    """Return the order by norm, and by the integers where norms differ by rounding only.
-
-    None if no norms are so near, which is usual.
-    """
-    norms = squared_norms.tolist()
-    if all(b - a > _TIE * b for a, b in itertools.pairwise(norms)):
-        return None
+def _order_of_ties(squared_norms: FloatArray, integers: IntegerArray) -> list[int]:
+    """Return the order by norm, and by the integers where norms differ by rounding only."""
     order = list(range(len(integers)))
     first = 0
     for last in range(1, len(order) + 1):
