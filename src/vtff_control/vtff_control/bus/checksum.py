@@ -6,9 +6,6 @@ from crccheck.crc import Crc8SaeJ1850
 
 __all__ = ["checksum"]
 
-# Remainder after one byte. crccheck goes bit by bit, which would cost a third of a round trip.
-_CHECKSUM_STEP = bytes(Crc8SaeJ1850.calc(bytes([x]), initvalue=0) ^ 0xFF for x in range(256))
-
 
 def checksum(frame_identifier: int, payload: bytes | bytearray) -> int:
     """Return the checksum of a frame: CRC-8 SAE J1850 over identifier and payload.
@@ -21,7 +18,4 @@ def checksum(frame_identifier: int, payload: bytes | bytearray) -> int:
     payload
         All bytes of the frame; the first, which holds the checksum, is left out.
     """
-    remainder = 0xFF
-    for byte in frame_identifier.to_bytes(2, "little") + payload[1:]:
-        remainder = _CHECKSUM_STEP[remainder ^ byte]
-    return remainder ^ 0xFF
+    return int(Crc8SaeJ1850.calc(frame_identifier.to_bytes(2, "little") + payload[1:]))

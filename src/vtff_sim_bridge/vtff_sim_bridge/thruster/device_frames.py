@@ -13,16 +13,10 @@ from crccheck.crc import Crc8SaeJ1850
 
 __all__ = ["checksum", "decode_frame", "encode_frame"]
 
-# Remainder of the checksum after one byte; crccheck itself goes bit by bit, which is slow.
-_CHECKSUM_STEP = bytes(Crc8SaeJ1850.calc(bytes([x]), initvalue=0) ^ 0xFF for x in range(256))
-
 
 def checksum(frame_identifier: int, payload: bytes | bytearray) -> int:
     """Return the CRC-8 SAE J1850 of identifier (low byte first) and bytes 1 to 7."""
-    remainder = 0xFF
-    for byte in frame_identifier.to_bytes(2, "little") + payload[1:]:
-        remainder = _CHECKSUM_STEP[remainder ^ byte]
-    return remainder ^ 0xFF
+    return int(Crc8SaeJ1850.calc(frame_identifier.to_bytes(2, "little") + payload[1:]))
 
 
 def encode_frame(message: Any, values: Mapping[str, int]) -> can.Message:
