@@ -35,7 +35,6 @@ from vtff_iono.edges.boundary import Boundary
 from vtff_iono.edges.ray_edges import RayEdgeFinder, RayEdgeSettings
 from vtff_iono.edges.vertical_edges import VerticalEdgeFinder
 from vtff_iono.geometry import wind_up
-from vtff_iono.links import key_numbers
 from vtff_iono.spacecraft import formation_second
 from vtff_iono.spacecraft.formation_second import FormationSecond, Track
 from vtff_iono.spacecraft.spacecraft_ionosphere import (
@@ -249,7 +248,6 @@ def compile_kernels() -> None:
     wall_search.compile_kernels()
     crossing_fit.compile_kernels()
     ray_quantities.compile_kernels()
-    key_numbers.compile_kernels()
     formation_second.compile_kernels()
     # Two signals of a satellite, at no known place.
     columns = {name: np.zeros(2, dtype=kind) for name, kind in OBSERVATION_COLUMNS.items()}

@@ -28,7 +28,6 @@ from vtff_dynamics.time.timescales import GpsTime
 from vtff_dynamics.vectors import FloatArray
 from vtff_iono.geometry.satellite_geometry import ELEVATION_MASK_DEG
 from vtff_iono.links.arcs import ArcDetector, Arcs, ArcSettings, arc_keys
-from vtff_iono.links.key_numbers import number_keys
 from vtff_iono.links.signal_pairs import DEFAULT_PAIRS, Link, PairRows, PairSelector, SignalPair
 
 __all__ = [
@@ -266,13 +265,13 @@ class SlantTecProcessor:
         hour = rows.time // _BIAS_INTERVAL_NANOSECONDS
         # One integer for each hour and link; rows without a link have the number -1.
         numbers = len(self.links) + 1
-        found = number_keys(hour * numbers + rows.link + 1)
-        table = np.full((len(found.keys), 4), np.nan)
-        for index, key in enumerate(found.keys.tolist()):
+        keys, key_of_row = np.unique(hour * numbers + rows.link + 1, return_inverse=True)
+        table = np.full((len(keys), 4), np.nan)
+        for index, key in enumerate(keys.tolist()):
             hour_of_key, number = divmod(key, numbers)
             if number > 0:
                 table[index] = self._look_up_biases(number - 1, hour_of_key)
-        return np.asarray(table[found.number].T)
+        return np.asarray(table[key_of_row].T)
 
     def _look_up_biases(self, number: int, hour: int) -> tuple[float, ...]:
         """Return satellite bias and sigma, receiver bias and sigma of a link in an hour, TECU."""

@@ -21,7 +21,6 @@ from vtff_dynamics.vectors import FloatArray
 from vtff_gnss import constants as c
 from vtff_gnss.signals import carrier_frequency_hz, signal_number
 from vtff_iono.links.geometry_free import tecu_per_metre
-from vtff_iono.links.key_numbers import number_keys
 
 __all__ = ["DEFAULT_PAIRS", "Link", "PairRows", "PairSelector", "SignalPair", "link_keys"]
 
@@ -325,13 +324,14 @@ class PairSelector:
         has_second: BoolArray,
     ) -> tuple[IntArray, IntArray]:
         """Return the numbers of the links (-1 without a second signal) and of the satellites."""
+        keys, rows, key_of_row = np.unique(
+            link_keys(columns, first, second), return_index=True, return_inverse=True
+        )
+        link = np.full(len(keys), -1, dtype=np.int64)
+        satellite = np.empty(len(keys), dtype=np.int64)
         # In the order of appearance, so that numbers do not depend on how a file is cut.
-        found = number_keys(link_keys(columns, first, second))
-        link = np.full(len(found.keys), -1, dtype=np.int64)
-        satellite = np.empty(len(found.keys), dtype=np.int64)
-        for index, (key, row) in enumerate(
-            zip(found.keys.tolist(), found.first.tolist(), strict=True)
-        ):
+        for index in np.argsort(rows).tolist():
+            key, row = int(keys[index]), int(rows[index])
             observation = int(first[row])
             identity = int(columns["system"][observation]), int(columns["prn"][observation])
             satellite[index] = self._index_of_satellite.setdefault(
@@ -342,7 +342,7 @@ class PairSelector:
                     self._link_of_key[key] = len(self.links)
                     self.links.append(_make_link(columns, observation, int(second[row])))
                 link[index] = self._link_of_key[key]
-        return link[found.number], satellite[found.number]
+        return link[key_of_row], satellite[key_of_row]
 
 
 def link_keys(

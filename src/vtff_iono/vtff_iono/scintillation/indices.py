@@ -28,7 +28,6 @@ from vtff_dynamics.vectors import FloatArray
 from vtff_gnss.constants import FLAG_LOCK_LOST, FLAG_PHASE_VALID
 from vtff_gnss.signals import carrier_wavelength, signal_number
 from vtff_iono.geometry.mapping import LOWEST_ORBIT
-from vtff_iono.links.key_numbers import number_keys, rows_by_number
 from vtff_iono.links.windows import Columns, WindowBuffer
 
 __all__ = [
@@ -342,6 +341,6 @@ class ScintillationMonitor:
 def _rows_by_signal(window: Columns) -> list[npt.NDArray[np.intp]]:
     """Return the rows of each signal in order of time; signals are ordered."""
     number = signal_number(window["system"], window["prn"], window["band"], window["attribute"])
-    found = number_keys(number)
-    rows = rows_by_number(found.number, len(found.keys))
-    return [rows[index] for index in np.argsort(found.keys).tolist()]
+    rows = np.argsort(number, kind="stable")
+    parts = np.split(rows, np.flatnonzero(np.diff(number[rows])) + 1)
+    return [part for part in parts if len(part)]
