@@ -8,7 +8,6 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
-from vtff_dynamics.compiled import compiled
 from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
 from vtff_dynamics.vectors import FloatArray
 from vtff_gnss.orbits.line_of_sight import ellipsoid_normal
@@ -47,10 +46,9 @@ class VehicleTrack:
 
         These are those of reception where a clock is ahead by so much.
         """
-        position, velocity = _move_back(
-            self.position_itrf, self.velocity_itrf, self.acceleration_itrf, offset
-        )
-        return position, velocity
+        late = -offset[:, np.newaxis]
+        velocity = self.velocity_itrf + late * self.acceleration_itrf
+        return self.position_itrf + 0.5 * late * (self.velocity_itrf + velocity), velocity
 
 
 def vehicle_track(
@@ -96,20 +94,9 @@ def vehicle_track(
     return VehicleTrack(vectors[:, 0], vectors[:, 1], vectors[:, 2], boresight, axes)
 
 
-@compiled
-def _move_back(position, velocity, acceleration, offset):  # type: ignore[no-untyped-def]
-    """Return what `VehicleTrack.before` does."""
-    moved, faster = np.empty(position.shape), np.empty(position.shape)
-    for k in range(len(offset)):
-        late = -offset[k]
-        for i in range(3):
-            moved[k, i] = position[k, i] + late * (velocity[k, i] + 0.5 * late * acceleration[k, i])
-            faster[k, i] = velocity[k, i] + late * acceleration[k, i]
-    return moved, faster
-
-
-@compiled
-def _extrapolate(times, command_times, states):  # type: ignore[no-untyped-def]
+def _extrapolate(
+    times: npt.NDArray[np.int64], command_times: npt.NDArray[np.int64], states: FloatArray
+) -> FloatArray:
     """Return position, velocity, acceleration (k, 3, 3), as `MotionState.extrapolate` does.
 
     Parameters
@@ -121,22 +108,18 @@ def _extrapolate(times, command_times, states):  # type: ignore[no-untyped-def]
     states : ndarray, shape (c, 4, 3)
         Position and its derivatives of each command.
     """
-    vectors = np.empty((len(times), 3, 3))
-    command = 0
-    for k in range(len(times)):
-        while command + 1 < len(command_times) and command_times[command + 1] <= times[k]:
-            command += 1
-        seconds = (times[k] - command_times[command]) / NANOSECONDS_PER_SECOND
-        half, third = seconds / 2.0, seconds / 3.0
-        for i in range(3):
-            position, velocity = states[command, 0, i], states[command, 1, i]
-            acceleration, jerk = states[command, 2, i], states[command, 3, i]
-            vectors[k, 0, i] = position + seconds * (
-                velocity + half * (acceleration + third * jerk)
-            )
-            vectors[k, 1, i] = velocity + seconds * (acceleration + half * jerk)
-            vectors[k, 2, i] = acceleration + seconds * jerk
-    return vectors
+    command = np.searchsorted(command_times, times, side="right") - 1
+    seconds = ((times - command_times[command]) / NANOSECONDS_PER_SECOND)[:, np.newaxis]
+    position, velocity, acceleration, jerk = np.moveaxis(states[command], 1, 0)
+    half, third = seconds / 2.0, seconds / 3.0
+    return np.stack(
+        (
+            position + seconds * (velocity + half * (acceleration + third * jerk)),
+            velocity + seconds * (acceleration + half * jerk),
+            acceleration + seconds * jerk,
+        ),
+        axis=1,
+    )
 
 
 def _antenna_motion(
