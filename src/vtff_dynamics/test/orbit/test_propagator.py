@@ -13,14 +13,12 @@ from dynamics_scenarios import EPOCH, reference_orbit, remote_sensing_elements
 
 from vtff_dynamics.constants import GM_EARTH
 from vtff_dynamics.frames.earth import (
-    EarthMotionSeries,
-    rotation_gcrf_to_itrf,
     state_gcrf_to_itrf,
 )
 from vtff_dynamics.frames.geodetic import geodetic_from_itrf
 from vtff_dynamics.orbit.propagator import ForceModel, Propagator
 from vtff_dynamics.time.local_time import mean_solar_local_time_hours
-from vtff_dynamics.time.timescales import GpsTime, parse_epoch
+from vtff_dynamics.time.timescales import parse_epoch
 
 TWO_BODY = ForceModel(gravity="two_body")
 STATE = np.array([6928137.0, 0.0, 0.0, 0.0, 3792.5442661521847, 6568.879358929605])
@@ -134,27 +132,6 @@ def test_acceleration_is_the_one_that_is_integrated(model):
     difference = (after[3:] - STATE[3:]) / (2 * step)
     # The central difference leaves step2 n2 a / 6 = 2e-8 m/s2.
     np.testing.assert_allclose(difference, acceleration, atol=5e-8)
-
-
-@pytest.mark.parametrize(
-    "model",
-    [
-        ForceModel(),
-        ForceModel(drag="nrlmsise00", third_bodies=("sun", "moon")),
-        ForceModel(gravity="two_body", drag="nrlmsise00", solar_radiation_pressure=True),
-    ],
-    ids=repr,
-)
-def test_acceleration_is_the_same_to_the_last_bit_with_a_rotation_that_is_known(model):
-    for start in (EPOCH, EPOCH + 86399.5, EPOCH + 1000 * 86400):
-        series = EarthMotionSeries(500_000_000)
-        for step in range(20):
-            time = GpsTime(start.nanoseconds + step * 500_000_000)
-            rotation = series.at(time).rotation
-            np.testing.assert_array_equal(rotation, rotation_gcrf_to_itrf(time))
-            np.testing.assert_array_equal(
-                model.acceleration(time, STATE, rotation), model.acceleration(time, STATE)
-            )
 
 
 @pytest.mark.parametrize(

@@ -10,8 +10,6 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Sequence
-from typing import NamedTuple
 
 import brahe
 import numpy as np
@@ -28,9 +26,8 @@ from vtff_dynamics.time.timescales import GpsTime, leap_seconds, leap_seconds_at
 from vtff_dynamics.vectors import FloatArray, cross, skew
 
 __all__ = [
-    "EarthMotion",
-    "EarthMotionSeries",
     "earth_rotation_angle",
+    "kinematic_matrix",
     "kinematics_itrf",
     "right_ascension_from_longitude",
     "rotation_gcrf_to_itrf",
@@ -137,89 +134,34 @@ def _angular_velocity_earth_itrf(time: GpsTime) -> FloatArray:
     return angular_velocity
 
 
-class EarthMotion(NamedTuple):
-    """How the Earth turns at a time.
-
-    Attributes
-    ----------
-    rotation
-        Rotation from GCRF to ITRF, shape (3, 3), see `rotation_gcrf_to_itrf`.
-    kinematics
-        Matrix that carries stacked derivatives 0 to 3 of a position from GCRF to ITRF, shape
-        (12, 12).
-    """
-
-    rotation: FloatArray
-    kinematics: FloatArray
-
-
-def _earth_motions(times: Sequence[GpsTime]) -> list[EarthMotion]:
-    """Return how the Earth turns at some times; all arrays are read-only.
+@functools.lru_cache(maxsize=_CACHED_EPOCHS)
+def kinematic_matrix(time: GpsTime) -> FloatArray:
+    """Return the matrix that carries stacked derivatives 0 to 3 of a position from GCRF to ITRF.
 
     With R(t) = exp(-S t) R(0), S the skew matrix of a constant angular velocity, Leibniz' rule
     gives the n-th derivative as the sum over k of C(n, k) (-S)^k R(0) d^(n-k).
-    """
-    ensure_earth_orientation()
-    epochs = [time.to_brahe_epoch() for time in times]
-    polar_motions = np.array([brahe.polar_motion(epoch) for epoch in epochs])
-    celestial_poles = np.array([brahe.bias_precession_nutation(epoch) for epoch in epochs])
-    rotations = polar_motions @ np.array([_turn(time) for time in times]) @ celestial_poles
-    angular_velocities = EARTH_ROTATION_RATE * polar_motions[:, :, 2]
-    minus_skew = -_skew_matrices(angular_velocities)
-    powers = [rotations]
-    for _ in range(3):
-        powers.append(minus_skew @ powers[-1])
-    matrices = np.zeros((len(times), 12, 12))
-    for n in range(4):
-        for k in range(n + 1):
-            column = 3 * (n - k)
-            matrices[:, 3 * n : 3 * n + 3, column : column + 3] = math.comb(n, k) * powers[k]
-    rotations.flags.writeable = matrices.flags.writeable = False
-    return list(map(EarthMotion, rotations, matrices))
-
-
-def _skew_matrices(vectors: FloatArray) -> FloatArray:
-    """Return `skew` of vectors of shape (n, 3), shape (n, 3, 3)."""
-    x, y, z = vectors.T
-    matrices = np.zeros((len(vectors), 3, 3))
-    matrices[:, 0, 1], matrices[:, 0, 2] = -z, y
-    matrices[:, 1, 0], matrices[:, 1, 2] = z, -x
-    matrices[:, 2, 0], matrices[:, 2, 1] = -y, x
-    return matrices
-
-
-class EarthMotionSeries:
-    """How the Earth turns at equally spaced times, computed for some steps ahead at once.
 
     Parameters
     ----------
-    step : int
-        ns.
+    time : GpsTime
+        Time of the rotation.
+
+    Returns
+    -------
+    ndarray, shape (12, 12)
+        Read-only, because it is shared by all callers that ask for the same time.
     """
-
-    #: Steps that are computed at once.
-    LENGTH = 16
-
-    def __init__(self, step: int) -> None:
-        self._step = step
-        self._motions: dict[int, EarthMotion] = {}
-
-    def at(self, time: GpsTime) -> EarthMotion:
-        """Return how the Earth turns at a time; any one, but steps one after the other are fast."""
-        motion = self._motions.get(time.nanoseconds)
-        if motion is None:
-            times = [GpsTime(time.nanoseconds + k * self._step) for k in range(self.LENGTH)]
-            motions = zip(times, _earth_motions(times), strict=True)
-            self._motions = {each.nanoseconds: motion for each, motion in motions}
-            motion = self._motions[time.nanoseconds]
-        return motion
-
-
-@functools.lru_cache(maxsize=_CACHED_EPOCHS)
-def _earth_motion(time: GpsTime) -> EarthMotion:
-    """Return how the Earth turns at one time, for `kinematics_itrf`."""
-    (motion,) = _earth_motions([time])
-    return motion
+    minus_skew = -skew(_angular_velocity_earth_itrf(time))
+    powers = [rotation_gcrf_to_itrf(time)]
+    for _ in range(3):
+        powers.append(minus_skew @ powers[-1])
+    matrix = np.zeros((12, 12))
+    for n in range(4):
+        for k in range(n + 1):
+            column = 3 * (n - k)
+            matrix[3 * n : 3 * n + 3, column : column + 3] = math.comb(n, k) * powers[k]
+    matrix.flags.writeable = False
+    return matrix
 
 
 def kinematics_itrf(
@@ -230,9 +172,6 @@ def kinematics_itrf(
     jerk_gcrf: npt.ArrayLike,
 ) -> FloatArray:
     """Return position, velocity, acceleration and jerk as seen in the rotating ITRF.
-
-    The rotation is computed once per `time` and shared by all spacecraft. Only tests call this
-    function; a simulation takes the matrices of `EarthMotionSeries`.
 
     Parameters
     ----------
@@ -248,24 +187,13 @@ def kinematics_itrf(
         the one before it for an observer fixed to the Earth.
     """
     stacked = np.concatenate((position_gcrf, velocity_gcrf, acceleration_gcrf, jerk_gcrf))
-    kinematics: FloatArray = (_earth_motion(time).kinematics @ stacked).reshape(4, 3)
+    kinematics: FloatArray = (kinematic_matrix(time) @ stacked).reshape(4, 3)
     return kinematics
 
 
 def state_gcrf_to_itrf(time: GpsTime, state_gcrf: npt.ArrayLike) -> FloatArray:
     """Return position and Earth-fixed velocity in ITRF, shape (6,), of a GCRF state (6,)."""
-    state_itrf: FloatArray = _state_matrix(time) @ np.asarray(state_gcrf, dtype=float)
-    return state_itrf
-
-
-@functools.lru_cache(maxsize=_CACHED_EPOCHS)
-def _state_matrix(time: GpsTime) -> FloatArray:
-    """Return the matrix (6, 6) that carries position and velocity from GCRF to ITRF."""
-    matrix = np.zeros((6, 6))
-    matrix[:3, :3] = matrix[3:, 3:] = rotation_gcrf_to_itrf(time)
-    matrix[3:, :3] = -skew(_angular_velocity_earth_itrf(time)) @ rotation_gcrf_to_itrf(time)
-    matrix.flags.writeable = False
-    return matrix
+    return np.asarray(kinematic_matrix(time)[:6, :6] @ np.asarray(state_gcrf, dtype=float))
 
 
 def state_itrf_to_gcrf(time: GpsTime, state_itrf: npt.ArrayLike) -> FloatArray:

@@ -151,9 +151,7 @@ class ForceModel:
             ]
         return brahe.ForceModelConfig(**options)
 
-    def acceleration(
-        self, time: GpsTime, state_gcrf: FloatArray, rotation_to_itrf: FloatArray | None = None
-    ) -> FloatArray:
+    def acceleration(self, time: GpsTime, state_gcrf: FloatArray) -> FloatArray:
         """Return the sum of these forces per mass in GCRF, m/s2, shape (3,).
 
         Parameters
@@ -162,8 +160,6 @@ class ForceModel:
             Time of the state.
         state_gcrf : ndarray, shape (6,)
             Position and velocity, m and m/s.
-        rotation_to_itrf : ndarray, shape (3, 3), optional
-            Rotation from GCRF to ITRF at that time, for who has it already.
         """
         self.prepare_environment()
         if self.gravity == "two_body":
@@ -172,7 +168,7 @@ class ForceModel:
             total = np.array(
                 brahe.accel_gravity_spherical_harmonics(
                     state_gcrf[:3],
-                    rotation_gcrf_to_itrf(time) if rotation_to_itrf is None else rotation_to_itrf,
+                    rotation_gcrf_to_itrf(time),
                     jgm3_gravity_model(),
                     self.degree,
                     self.order,
@@ -180,7 +176,7 @@ class ForceModel:
             )
         if self.is_gravity_alone:
             return total
-        return total + self._perturbation(time, state_gcrf, rotation_to_itrf)
+        return total + self._perturbation(time, state_gcrf)
 
     def jerk(self, state_gcrf: FloatArray) -> FloatArray:
         """Return the jerk by gravity in GCRF, m/s3, shape (3,).
@@ -200,9 +196,7 @@ class ForceModel:
         """Second zonal coefficient of `jerk`."""
         return 0.0 if self.gravity == "two_body" else J2_EARTH
 
-    def _perturbation(
-        self, time: GpsTime, state_gcrf: FloatArray, rotation_to_itrf: FloatArray | None
-    ) -> FloatArray:
+    def _perturbation(self, time: GpsTime, state_gcrf: FloatArray) -> FloatArray:
         """Return the acceleration by drag, radiation and third bodies, m/s2, shape (3,)."""
         epoch = time.to_brahe_epoch()
         total = np.zeros(3)
@@ -223,7 +217,7 @@ class ForceModel:
                 _SOLAR_PRESSURE,
             )
         if self.drag is not None:
-            total += self._drag(time, epoch, state_gcrf, rotation_to_itrf)
+            total += self._drag(time, epoch, state_gcrf)
         return total
 
     def _drag(
@@ -231,7 +225,6 @@ class ForceModel:
         time: GpsTime,
         epoch: Any,
         state_gcrf: FloatArray,
-        rotation_to_itrf: FloatArray | None,
     ) -> FloatArray:
         """Return the acceleration by drag, m/s2, shape (3,)."""
         to_true_of_date = brahe.bias_precession_nutation(epoch)
@@ -240,9 +233,7 @@ class ForceModel:
                 to_true_of_date @ state_gcrf[:3], to_true_of_date @ brahe.sun_position(epoch)
             )
         else:
-            if rotation_to_itrf is None:
-                rotation_to_itrf = rotation_gcrf_to_itrf(time)
-            density = brahe.density_nrlmsise00(epoch, rotation_to_itrf @ state_gcrf[:3])
+            density = brahe.density_nrlmsise00(epoch, rotation_gcrf_to_itrf(time) @ state_gcrf[:3])
         return np.asarray(
             brahe.accel_drag(
                 state_gcrf,

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
-from vtff_dynamics.frames.earth import EarthMotion, EarthMotionSeries
+from vtff_dynamics.frames.earth import kinematic_matrix
 from vtff_dynamics.frames.rtn import relative_state_rtn, rotation_gcrf_to_rtn
 from vtff_dynamics.orbit.gravity import gravity_jerks
 from vtff_dynamics.orbit.propagator import ForceModel, Propagator
@@ -109,7 +109,6 @@ class FormationTruth:
         self._time = time
         self._states = {name: each.state_gcrf for name, each in self._propagators.items()}
         self._step_nanoseconds = round(step * NANOSECONDS_PER_SECOND)
-        self._earth = EarthMotionSeries(self._step_nanoseconds)
         # States at the next step, and motions at a time, of spacecraft for which they were asked.
         self._next_states: dict[str, FloatArray] = {}
         self._known_motions: tuple[GpsTime, dict[str, FloatArray]] = time, {}
@@ -270,7 +269,6 @@ class FormationTruth:
 
         None of them can be given a thrust in this step any more.
         """
-        self._earth.at(self._time)  # in the order of time, in which several are computed at once
         for name in names:
             if name not in self._next_states:
                 self._next_states[name] = self._propagators[name].advance()
@@ -313,27 +311,25 @@ class FormationTruth:
 
     def _motions_at(self, places: Sequence[tuple[_Moment, str]]) -> FloatArray:
         """Return the motions of spacecraft at one moment each, shape (n, 4, 3)."""
-        earths = [self._earth.at(moment.time) for moment, _ in places]
         derivatives = np.zeros((len(places), 12))
         derivatives[:, :6] = [moment.states[name] for moment, name in places]
         is_straight = self._integrator == "euler"
         if not is_straight:
             derivatives[:, 6:9] = [
-                self._total_acceleration(moment, name, earth)
-                for (moment, name), earth in zip(places, earths, strict=True)
+                self._total_acceleration(moment, name) for moment, name in places
             ]
             j2 = np.array([self._propagators[name].force_model.j2_of_jerk for _, name in places])
             derivatives[:, 9:] = gravity_jerks(derivatives[:, :6], j2)
-        kinematics = np.array([earth.kinematics for earth in earths])
+        kinematics = np.array([kinematic_matrix(moment.time) for moment, _ in places])
         motions: FloatArray = (kinematics @ derivatives[:, :, np.newaxis]).reshape(-1, 4, 3)
         if is_straight:
             motions[:, 2:] = 0.0
         return motions
 
-    def _total_acceleration(self, moment: _Moment, name: str, earth: EarthMotion) -> FloatArray:
+    def _total_acceleration(self, moment: _Moment, name: str) -> FloatArray:
         """Return the acceleration of a spacecraft by forces and thrust, m/s2, shape (3,)."""
         forces = self._propagators[name].force_model
-        total = forces.acceleration(moment.time, moment.states[name], earth.rotation)
+        total = forces.acceleration(moment.time, moment.states[name])
         thrust = moment.thrusts.get(name)
         return total if thrust is None else total + thrust
 
