@@ -97,10 +97,8 @@ class Run:
         start: GpsTime = START,
         truth_path: pathlib.Path | None = None,
         power_commands: Sequence[PowerCommand] = (),
-        ahead: int = 0,
     ) -> None:
         self.start = start
-        self._ahead = ahead
         self.emulated = {
             r.name: ReceiverFirmware(settings=HeaderSettings(generation=r.generation))
             for r in base.receivers
@@ -128,18 +126,10 @@ class Run:
             self.set.advance(time, self._vehicles.__getitem__, self._send)
             for vehicle in self._vehicles.values():
                 vehicle.forget_before(time)
-            if self._ahead and part == 0 and second + 1 < len(self._motions):
-                self._look_ahead(second + 1)
             if part == 0 and each is not None:
                 each(second)
         self.truth.close()
         return self
-
-    def _look_ahead(self, second: int) -> None:
-        time = second * 10**9
-        for vehicle, state in zip(VEHICLES[: self._ahead], self._motions[second], strict=False):
-            self._vehicles[vehicle].command(time, state)
-        self.set.look_ahead(self._vehicles.__getitem__, (len(self._motions) - 1) * 10**9)
 
     def _send(self, name: str, content: bytes) -> None:
         self.content[name] += content

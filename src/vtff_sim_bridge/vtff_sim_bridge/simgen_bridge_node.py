@@ -144,7 +144,6 @@ class SimgenBridgeNode(VtffNode):
         self._actuations: dict[str, dict[int, AdcsCommand]] = {
             name: {} for name in self._attitudes if name not in given.turning_free
         }
-        self._known_ahead = self._names_known_ahead()
         self._simgen = self._make_link(given)
         self._thrust_in_force: dict[str, np.ndarray] = {}
         self._state = SimulatorStatus.STATE_IDLE
@@ -157,16 +156,6 @@ class SimgenBridgeNode(VtffNode):
         self._create_interfaces()
         self._made = time.monotonic()
         self._start_timer = self.create_timer(START_POLL, self._start, clock=self.steady_clock)
-
-    def _names_known_ahead(self) -> list[str]:
-        """Return the spacecraft that nothing but forces moves: their next step is known.
-
-        None where that is so of all: SimGEN's time would then run ahead. Only at steps of a second
-        do simulated receivers have any use for it.
-        """
-        names = self._truth.names
-        found = [name for name in names if name not in self._thrust and name not in self._attitudes]
-        return found if len(found) < len(names) and self._scenario.step == 1.0 else []
 
     def _create_interfaces(self) -> None:
         self._clock_publisher = self.publisher(Clock, "/clock")
@@ -555,13 +544,8 @@ class SimgenBridgeNode(VtffNode):
     def _send_motion(self) -> None:
         if self._simgen is None:
             return
-        time_into_run, following = self._time_into_run(), None
-        is_last = self._step_source.step >= self._steps
-        if self._known_ahead and self._simgen.sends_ahead and not is_last:
-            motions = self._truth.motions_of_next_step(self._known_ahead)
-            following = time_into_run + self._scenario.step, motions
         try:
-            self._simgen.send(time_into_run, self._motions_of_now(), following)
+            self._simgen.send(self._time_into_run(), self._motions_of_now())
         except SimRemoteError as error:
             self.fail(str(error))
 

@@ -97,58 +97,6 @@ def test_a_client_that_is_quicker_keeps_its_patience(relay):
     link.stop()
 
 
-def test_motion_that_is_known_ahead_is_sent_once(start_emulator):
-    """SimGEN has it when the step comes; after a lost connection it is sent again."""
-    relay = Relay((emulator := start_emulator(clock_mode="lockstep")).port)
-    machine = emulator.machine
-    client = SimRemoteClient("127.0.0.1", relay.port, timeout=0.5)
-    link = SimGenLink(client, ["chief", "deputy"], 5.0)
-    link.start("leo.scn", GpsTime.from_week_tow(1889, 90000.0), 600, MOTIONS)
-    assert link.sends_ahead
-    begun = client.counters.sent
-    times: list[int] = []
-    machine.observers.append(times.append)
-    chief = {"chief": MOTIONS["chief"]}
-    for second in range(1, 4):
-        link.send(float(second), MOTIONS, (second + 1.0, chief))
-        link.receive()
-        assert machine.motions["v1_m1"].has_command_at((second + 1) * 10**9)
-    assert client.counters.sent - begun == 3 + 2 + 2
-    relay.drop()
-    for second in range(4, 8):
-        link.send(float(second), MOTIONS, (second + 1.0, chief))
-        link.receive()
-    assert link.counters.connection_losses == 1 and not link.problem
-    assert times == [second * 10**9 for second in (1, 2, 3, 5, 6, 7)]
-    with pytest.raises(ValueError, match="following"):
-        link.send(8.0, MOTIONS, (9.0, MOTIONS))
-    link.stop()
-    relay.close()
-
-
-def test_motion_that_is_known_ahead_comes_before_that_of_the_step(start_emulator):
-    """At the step SimGEN may stop to take commands until its receivers are read."""
-    emulator = start_emulator(clock_mode="lockstep")
-    client = SimRemoteClient("127.0.0.1", emulator.port, timeout=5.0)
-    link = SimGenLink(client, ["chief", "deputy"], 5.0)
-    link.start("leo.scn", GpsTime.from_week_tow(1889, 90000.0), 600, MOTIONS)
-    chief = emulator.machine.motions["v1_m1"]
-    known: list[bool] = []
-    emulator.machine.observers.append(lambda time: known.append(chief.has_command_at(time + 10**8)))
-    for tenth in range(1, 40):
-        link.send(tenth * 0.1, MOTIONS, (tenth * 0.1 + 0.1, {"chief": MOTIONS["chief"]}))
-        link.receive()
-    assert known == [True] * 39
-    assert client.counters.sent == client.counters.replies
-    link.stop()
-
-
-def test_in_real_time_and_with_steps_together_nothing_is_sent_ahead():
-    client = SimRemoteClient("127.0.0.1", 1, timeout=1.0)
-    assert not SimGenLink(client, ["chief"], None).sends_ahead
-    assert not SimGenLink(client, ["chief"], 5.0, steps_together=2).sends_ahead
-
-
 def test_motion_of_several_steps_goes_together(start_emulator):
     """SimGEN has nothing before the packet is full, then every step, and the rest at the end."""
     machine = (emulator := start_emulator(clock_mode="lockstep")).machine

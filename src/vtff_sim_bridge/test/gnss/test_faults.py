@@ -84,23 +84,6 @@ def test_bytes_do_not_depend_on_the_steps_of_scenario_time(chunk):
     assert len(whole.content["chief"]) > 70_000
 
 
-@pytest.mark.parametrize("name", ["reference", "realistic"])
-@pytest.mark.parametrize("chunk", [10**9, 250_000_000])
-@pytest.mark.parametrize("ahead", [1, 2])
-def test_bytes_and_truth_are_those_of_receivers_that_do_not_look_ahead(
-    name, chunk, ahead, tmp_path
-):
-    """Where time goes on by a part of a second they do not, so that nothing is to be cut."""
-    motions = support.orbit_motions([support.CHIEF_GCRF, support.DEPUTY_GCRF], 4)
-    base = support.configuration(name, **eventful())
-    plain = support.Run(base, motions, MANY_LOGS, chunk, truth_path=tmp_path / "plain").all()
-    early = support.Run(
-        base, motions, MANY_LOGS, chunk, truth_path=tmp_path / "early", ahead=ahead
-    ).all()
-    assert early.content == plain.content
-    assert (tmp_path / "early").read_bytes() == (tmp_path / "plain").read_bytes()
-
-
 def test_one_effect_does_not_change_the_numbers_of_another(motions):
     """Code noise, ambiguities and clock are the same with scintillation and phase noise off."""
     base = support.configuration("reference", profile=None)

@@ -175,25 +175,22 @@ def test_power_commands_change_cn0_and_take_signals_away(motions, plain, chunk):
     assert changes == pytest.approx(2.0, abs=1e-4)
 
 
-def test_a_level_holds_from_the_next_epoch_that_is_not_measured_yet(motions, plain):
-    """The chief has measured the second to come when the command comes, the deputy has not."""
+def test_a_level_holds_from_the_next_epoch_of_every_receiver(motions, plain):
     commands: list[PowerCommand] = []
-    run = support.Run(
-        support.configuration(), motions, support.LOGS, power_commands=commands, ahead=1
-    )
+    run = support.Run(support.configuration(), motions, support.LOGS, power_commands=commands)
 
     def command(second: int) -> None:
         if second == 3:
             commands.extend(power(3.0, f"POW_LEV,v{k}_a1,-3.5,GPS,0,0,1,1,1,1,0") for k in (1, 2))
 
     run.all(command)
-    for name, first in (("chief", 80), ("deputy", 60)):
+    for name in ("chief", "deputy"):
         levels, usual = (
             np.array([epoch.cn0_dbhz[0] for epoch in each.epochs(name)]) for each in (run, plain)
         )
         change = levels - usual
-        assert change[: first + 1] == pytest.approx(0.0, abs=1e-4)
-        assert change[first + 1 :] == pytest.approx(-3.5, abs=1e-4)
+        assert change[:61] == pytest.approx(0.0, abs=1e-4)
+        assert change[61:] == pytest.approx(-3.5, abs=1e-4)
 
 
 @pytest.mark.parametrize(

@@ -68,37 +68,6 @@ def test_motions_of_many_steps_together_are_those_of_each_step(integrator) -> No
             assert motion.tobytes() == expected[name].tobytes()
 
 
-@pytest.mark.parametrize("integrator", ["rk4", "euler"])
-def test_motion_that_is_asked_for_ahead_is_that_of_the_step(integrator) -> None:
-    plain, ahead = formation(integrator, deputies=2), formation(integrator, deputies=2)
-    for step in range(20):
-        told = ahead.motions_of_next_step(["chief", "deputy_2"] if step % 3 else ["chief"])
-        again = ahead.motions_of_next_step(["chief"])
-        for truth in (plain, ahead):
-            truth.advance({"deputy_1": [0.1, 0.0, 0.2]})
-        assert ahead.time == plain.time
-        of_now = [truth.motions_of_now({}, {})() for truth in (plain, ahead)]
-        assert list(of_now[1]) == list(plain.names)
-        for name in plain.names:
-            np.testing.assert_array_equal(ahead.state_gcrf(name), plain.state_gcrf(name))
-            np.testing.assert_array_equal(of_now[1][name], of_now[0][name])
-        for name, motion in told.items():
-            np.testing.assert_array_equal(motion, of_now[0][name])
-        np.testing.assert_array_equal(again["chief"], told["chief"])
-
-
-def test_nothing_thrusts_whose_motion_was_told_ahead() -> None:
-    truth = formation()
-    truth.motions_of_next_step(["chief", "deputy_1"])
-    with pytest.raises(ValueError, match="acceleration of deputy_1: its next motion was told"):
-        truth.advance({"deputy_1": [0.1, 0.0, 0.0]})
-    truth.advance()
-    coasting = truth.motion_itrf("deputy_1")
-    thrusting = truth.motion_itrf("deputy_1", [0.1, 0.0, 0.0])
-    assert np.linalg.norm((thrusting - coasting)[2]) == pytest.approx(0.1)
-    truth.advance({"deputy_1": [0.1, 0.0, 0.0]})
-
-
 def test_thrust_of_one_deputy_moves_no_other() -> None:
     thrusting, coasting = formation(deputies=2), formation(deputies=2)
     for _ in range(3):

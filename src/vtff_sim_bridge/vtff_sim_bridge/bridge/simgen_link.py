@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import logging
-import operator
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 import numpy.typing as npt
 
-from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_sim_bridge.simremote.client import (
     ClientCounters,
@@ -26,7 +24,6 @@ LOGGER = logging.getLogger("simgen_link")
 Motions = Mapping[str, npt.NDArray[np.float64]]
 #: Time into the run, s, and the motion of each vehicle then.
 _Step = tuple[float, list[tuple[str, MotionState]]]
-_NONE_KNOWN: tuple[int, frozenset[str]] = -1, frozenset()  # no time of a run is negative
 
 
 class SimGenLink:
@@ -55,9 +52,6 @@ class SimGenLink:
     ----------
     problem
         The current problem of the connection; empty if there is none.
-    sends_ahead
-        Whether motion that is known ahead is sent: in lockstep SimGEN works on it while the client
-        does. In real time commands take effect as late as possible.
     """
 
     def __init__(
@@ -78,11 +72,8 @@ class SimGenLink:
         self._unsent: list[_Step] = []
         self._unanswered: list[_Step] = []
         self._awaited_replies = 0
-        # Latest time into the run, ns, for which SimGEN has motion, and the vehicles that have it.
-        self._known = _NONE_KNOWN
         self._started = False
         self.problem = ""
-        self.sends_ahead = reconnect_timeout is not None and steps_together == 1
 
     @property
     def counters(self) -> ClientCounters:
@@ -139,7 +130,6 @@ class SimGenLink:
         self,
         time: float,
         motions: Motions | Callable[[], Motions],
-        following: tuple[float, Motions] | None = None,
     ) -> None:
         """Send the motion of every spacecraft for a time (s into the run), in one packet.
 
@@ -152,24 +142,13 @@ class SimGenLink:
         motions
             Motion of each spacecraft as for `start`, or a function that returns it. The function is
             called when the motion is sent: to compute many steps in a row is faster.
-        following
-            Time of the next step and the motion then of some spacecraft, not of all, for which it
-            is known already; only where the link `sends_ahead`. It is not sent again at that time.
 
         Raises
         ------
         SimRemoteError
             If the connection is lost and cannot be restored, or SimGEN no longer runs; also where
             replies to earlier steps are taken, as in `receive`.
-        ValueError
-            If all spacecraft are in `following`: the time of SimGEN would go there in lockstep.
         """
-        if following is not None:
-            if len(following[1]) == len(self._vehicles):
-                raise ValueError("following: motion of all spacecraft belongs to its own step")
-            # Before that of this step, at which SimGEN may have so much to send that it takes no
-            # further command until the receivers are read.
-            self._waiting.append(following)
         self._waiting.append((time, motions))
         if len(self._unsent) + len(self._waiting) >= self._steps_together:
             self._compute_waiting()
@@ -209,14 +188,10 @@ class SimGenLink:
         self._unsent += [self._commands(*each) for each in waiting]
 
     def _commands(self, time: float, motions: Motions | Callable[[], Motions]) -> _Step:
-        """Return the motion of the vehicles at a time, but for those that SimGEN has already."""
+        """Return the motion of the vehicles at a time."""
         computed = motions() if callable(motions) else motions
-        is_known_time = round(time * NANOSECONDS_PER_SECOND) == self._known[0]
-        of_vehicles = ((self._vehicles[name], motion) for name, motion in computed.items())
         return time, [
-            (vehicle, motion_state(motion))
-            for vehicle, motion in of_vehicles
-            if not is_known_time or vehicle not in self._known[1]
+            (self._vehicles[name], motion_state(motion)) for name, motion in computed.items()
         ]
 
     def _send_all(self) -> None:
@@ -239,9 +214,6 @@ class SimGenLink:
             return
         try:
             self._client.receive_replies(awaited)
-            time, motions = max(self._unanswered, key=operator.itemgetter(0))
-            nanoseconds = round(time * NANOSECONDS_PER_SECOND)
-            self._known = nanoseconds, frozenset(vehicle for vehicle, _ in motions)
         except SimRemoteConnectionError as error:
             self._note_lost_connection(error, final=False)
             if self._steps_together > 1:  # alone, a step has been overtaken by the next
@@ -281,7 +253,6 @@ class SimGenLink:
 
     def _note_lost_connection(self, error: SimRemoteConnectionError, *, final: bool) -> None:
         self.problem = str(error)
-        self._known = _NONE_KNOWN
         LOGGER.warning("%s", error)
         if final and self._reconnect_timeout is not None:
             raise error

@@ -38,8 +38,6 @@ class TruthFile:
             None if path is None else Path(path).open("w", encoding="utf-8")
         )
         self._waiting: list[_Record] = []
-        self._held: list[_Record] = []
-        self._growing = self._waiting
 
     @property
     def is_wanted(self) -> bool:
@@ -60,21 +58,7 @@ class TruthFile:
             Returns the fields; what it uses must not change before.
         """
         if self._stream is not None:
-            self._growing.append((record, make_fields))
-
-    @contextlib.contextmanager
-    def holding(self) -> Iterator[None]:
-        """Have records that are written meanwhile wait for `release`."""
-        self._growing = self._held
-        try:
-            yield
-        finally:
-            self._growing = self._waiting
-
-    def release(self) -> None:
-        """Let the records that are held be the next ones."""
-        self._waiting += self._held
-        self._held.clear()
+            self._waiting.append((record, make_fields))
 
     def flush(self) -> None:
         """Hand what waits to the system; raises OSError with the path if that fails."""
@@ -89,7 +73,7 @@ class TruthFile:
             self._stream.flush()
 
     def close(self) -> None:
-        """Write what waits, not what is held, and close the file; nothing can be written then.
+        """Write what waits and close the file; nothing can be written then.
 
         Raises as `flush` does.
         """

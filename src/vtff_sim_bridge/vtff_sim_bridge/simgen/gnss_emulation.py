@@ -8,7 +8,6 @@ import logging
 import select
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
@@ -38,7 +37,6 @@ from vtff_sim_bridge.receiver.receiver_port import ReceiverPort
 from vtff_sim_bridge.receiver.truth_file import TruthFile
 from vtff_sim_bridge.receiver.truth_records import SatelliteTruth, receiver_record
 from vtff_sim_bridge.simgen.emulator_state import ScenarioMachine
-from vtff_sim_bridge.simremote.language import SimGenStatus
 from vtff_sim_bridge.simremote.motion import MotionState, VehicleMotion
 from vtff_sim_bridge.simremote.power_command import PowerCommand
 
@@ -95,9 +93,6 @@ class ReceiverSet:
         )
         self._emulated = emulated
         self._last_epoch = -1
-        self._has_whole_steps = False
-        # What receivers have measured of the second after the last epoch.
-        self._ahead: dict[str, _MeasuredAhead] = {}
         self._truth = truth
         self.receivers: dict[str, MeasurementEngine] = {}
         self._byte_faults: dict[str, ByteFaults] = {}
@@ -143,10 +138,6 @@ class ReceiverSet:
             Is given the name of a receiver and its bytes, part of a second by part.
         """
         newest = time_nanoseconds // EPOCH_NANOSECONDS
-        is_within_second = self._last_epoch % EPOCHS_PER_SECOND or newest % EPOCHS_PER_SECOND
-        self._has_whole_steps = self._last_epoch >= 0 and not is_within_second
-        self._truth.flush()
-        self._truth.release()
         while self._last_epoch < newest:
             first = self._last_epoch + 1
             second = -(-first // EPOCHS_PER_SECOND)
@@ -156,8 +147,6 @@ class ReceiverSet:
                 motion = motion_of(receiver.configuration.vehicle)
                 send(name, self._bytes_of(name, receiver, motion, second, first, last))
             self._last_epoch = last
-            if last == second * EPOCHS_PER_SECOND:
-                self._ahead.clear()
             if last < newest:
                 self._truth.flush()  # that of many seconds takes much memory
 
@@ -174,63 +163,10 @@ class ReceiverSet:
         origin = (second - 1) * EPOCHS_PER_SECOND + 1
         emitted = slice(first - origin, last - origin + 1)
         emulated, faults = self._emulated[name], self._byte_faults[name]
-        ahead = self._ahead.get(name)
-        if ahead is None:
-            measured = _measure(receiver, motion, second, emitted)
-            times = measured.times
-        else:
-            times = ahead.measured.times[emitted]
-            if ahead.commands != _commands_of(motion, second):
-                LOGGER.warning(
-                    "receiver %s had measured to %d s when a motion command for that time came: "
-                    "it takes no part of it",
-                    name,
-                    second,
-                )
+        measured = _measure(receiver, motion, second, emitted)
         emulated.time_status = receiver.time_status
-        contents = emulated.advance_epochs(times, receiver)
+        contents = emulated.advance_epochs(measured.times, receiver)
         return b"".join(map(faults.apply, contents, range(first, last + 1)))
-
-    def look_ahead(self, motion_of: Callable[[str], VehicleMotion], end_nanoseconds: int) -> None:
-        """Measure the next second of receivers whose motion is commanded that far already.
-
-        It is for the time in which nobody waits for receivers. With steps of whole seconds bytes
-        and truth are those without it, as long as no later command is about that second. After
-        other steps nothing is measured ahead.
-
-        Parameters
-        ----------
-        motion_of : callable
-            Motion of a vehicle by its id.
-        end_nanoseconds : int
-            End of the run; nothing is measured after it.
-        """
-        second = self._last_epoch // EPOCHS_PER_SECOND + 1
-        if not self._has_whole_steps or second * NANOSECONDS_PER_SECOND > end_nanoseconds:
-            return
-        # In their order, which is that of their records in the truth.
-        for name, receiver in list(self.receivers.items())[len(self._ahead) :]:
-            motion = motion_of(receiver.configuration.vehicle)
-            if not motion.has_command_at(second * NANOSECONDS_PER_SECOND):
-                return
-            with self._truth.holding():
-                self._satellite_truth.write(second)
-                measured = _measure(receiver, motion, second, _WHOLE_SECOND)
-            receiver.fix(measured.times[-1])  # is kept for the log that asks for it
-            self._ahead[name] = _MeasuredAhead(measured, _commands_of(motion, second))
-
-
-class _MeasuredAhead(NamedTuple):
-    """Measurements of a receiver for the second to come, and its motion commands there."""
-
-    measured: Measurements
-    commands: list[tuple[int, MotionState]]
-
-
-def _commands_of(motion: VehicleMotion, second: int) -> list[tuple[int, MotionState]]:
-    """Return the motion commands that hold at epochs of a second."""
-    end = second * NANOSECONDS_PER_SECOND
-    return motion.commands_between(end - NANOSECONDS_PER_SECOND + EPOCH_NANOSECONDS, end)
 
 
 def _measure(
@@ -360,20 +296,14 @@ class GnssEmulation:
             port.process()
 
     def settle(self) -> None:
-        """Write the truth of what was sent, and measure ahead in lockstep.
+        """Write the truth of what was sent.
 
         In lockstep not while bytes wait for a client: a pseudo-terminal holds a part of a second
-        only, and who reads it waits for the rest. Nor is measured where levels are commanded: they
-        hold from the next epoch that is not measured yet.
+        only, and who reads it waits for the rest.
         """
-        machine = self._machine
-        if machine.is_lockstep and any(port.pending_bytes for port in self.ports.values()):
+        if self._machine.is_lockstep and any(port.pending_bytes for port in self.ports.values()):
             return
         self._truth.flush()
-        is_running = machine.is_lockstep and machine.status is SimGenStatus.RUNNING
-        if self._set is not None and is_running and not machine.power_commands:
-            end = machine.duration_seconds * NANOSECONDS_PER_SECOND
-            self._set.look_ahead(machine.motions.__getitem__, end)
 
     def close(self) -> None:
         """Close ports and truth file."""

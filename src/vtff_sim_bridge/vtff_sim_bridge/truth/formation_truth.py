@@ -7,7 +7,7 @@ the truth with this class, so that a run over the real topics gives the numbers 
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -109,9 +109,6 @@ class FormationTruth:
         self._time = time
         self._states = {name: each.state_gcrf for name, each in self._propagators.items()}
         self._step_nanoseconds = round(step * NANOSECONDS_PER_SECOND)
-        # States at the next step, and motions at a time, of spacecraft for which they were asked.
-        self._next_states: dict[str, FloatArray] = {}
-        self._known_motions: tuple[GpsTime, dict[str, FloatArray]] = time, {}
         # Moments whose motions somebody may ask for.
         self._moments: list[_Moment] = []
 
@@ -174,24 +171,17 @@ class FormationTruth:
         Raises
         ------
         ValueError
-            If an acceleration is for an unknown spacecraft, for one whose motion at the next step
-            was told already, or is not three finite numbers; nothing is advanced then.
+            If an acceleration is for an unknown spacecraft or is not three finite numbers; nothing
+            is advanced then.
         """
         rotations = rotations_to_gcrf or {}
         accelerations_gcrf = {
             name: self._acceleration_gcrf(name, acceleration, rotations.get(name))
             for name, acceleration in (accelerations or {}).items()
         }
-        for name in accelerations_gcrf:
-            if name in self._next_states:
-                raise ValueError(f"acceleration of {name}: its next motion was told without one")
         for name, propagator in self._propagators.items():
-            known = self._next_states.get(name)
-            self._states[name] = (
-                propagator.advance(accelerations_gcrf.get(name)) if known is None else known
-            )
-        self._next_states.clear()
-        self._time = self._next_time()
+            self._states[name] = propagator.advance(accelerations_gcrf.get(name))
+        self._time = GpsTime(self._time.nanoseconds + self._step_nanoseconds)
         self._steps_done += 1
         self._rotation = None
         self._acting.clear()
@@ -264,23 +254,6 @@ class FormationTruth:
         self._moments.append(moment)
         return functools.partial(self._motions, moment)
 
-    def motions_of_next_step(self, names: Iterable[str]) -> dict[str, FloatArray]:
-        """Return `motion_itrf` at the next step of spacecraft that fly freely until then.
-
-        None of them can be given a thrust in this step any more.
-        """
-        for name in names:
-            if name not in self._next_states:
-                self._next_states[name] = self._propagators[name].advance()
-        time = self._next_time()
-        motions = self._motions(_Moment(time, self._next_states, {}))
-        self._known_motions = time, motions
-        return motions
-
-    def _next_time(self) -> GpsTime:
-        """Return the time of the next step."""
-        return GpsTime(self._time.nanoseconds + self._step_nanoseconds)
-
     def _motions(self, moment: _Moment) -> dict[str, FloatArray]:
         """Return the motions at a moment; compute those of all that wait for it."""
         if moment.motions is None:
@@ -291,23 +264,10 @@ class FormationTruth:
 
     def _compute_motions(self, moments: Sequence[_Moment]) -> None:
         """Compute the motions at some moments, in the order of time."""
-        known_time, known = self._known_motions
-
-        def is_known(moment: _Moment, name: str) -> bool:
-            return name in known and name not in moment.thrusts and moment.time == known_time
-
-        places = [
-            (moment, name)
-            for moment in moments
-            for name in moment.states
-            if not is_known(moment, name)
-        ]
-        computed = iter(self._motions_at(places) if places else ())
+        places = [(moment, name) for moment in moments for name in moment.states]
+        computed = iter(self._motions_at(places))
         for moment in moments:
-            moment.motions = {
-                name: known[name] if is_known(moment, name) else next(computed)
-                for name in moment.states
-            }
+            moment.motions = {name: next(computed) for name in moment.states}
 
     def _motions_at(self, places: Sequence[tuple[_Moment, str]]) -> FloatArray:
         """Return the motions of spacecraft at one moment each, shape (n, 4, 3)."""
