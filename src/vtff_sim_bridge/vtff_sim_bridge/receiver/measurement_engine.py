@@ -504,9 +504,9 @@ class MeasurementEngine:
 
     def _write_truth(self, second: int) -> None:
         if self._truth.is_wanted:
-            name, measured = self.configuration.name, self._last_measurements()
-            self._truth.write_later(
-                "second", lambda: {"receiver": name, **second_record(measured, second)}
+            measured = self._last_measurements()
+            self._truth.write(
+                "second", receiver=self.configuration.name, **second_record(measured, second)
             )
 
 

@@ -4,21 +4,18 @@ from __future__ import annotations
 
 import contextlib
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, TextIO
 
 __all__ = ["TruthFile"]
 
-#: Kind of a record, and a function that makes its fields.
-_Record = tuple[str, Callable[[], dict[str, Any]]]
 _ENCODER = json.JSONEncoder(separators=(",", ":"))
 
 
 class TruthFile:
     """Writes records, one JSON object to a line; without a path they go nowhere.
 
-    Records wait for `flush`: a client that waits for the bytes of receivers does not wait for them.
     They have the field ``record``: ``run``, ``receiver``, ``region``, ``fault``, ``satellite``,
     ``arc`` or ``second``.
 
@@ -37,7 +34,6 @@ class TruthFile:
         self._stream: TextIO | None = (
             None if path is None else Path(path).open("w", encoding="utf-8")
         )
-        self._waiting: list[_Record] = []
 
     @property
     def is_wanted(self) -> bool:
@@ -45,39 +41,19 @@ class TruthFile:
         return self._stream is not None
 
     def write(self, record: str, **fields: Any) -> None:
-        """Write one record."""
-        self.write_later(record, lambda: fields)
-
-    def write_later(self, record: str, make_fields: Callable[[], dict[str, Any]]) -> None:
-        """Write one record, whose fields are made when it is written.
-
-        Parameters
-        ----------
-        record : str
-        make_fields : callable
-            Returns the fields; what it uses must not change before.
-        """
+        """Write one record; raise OSError with the path if that fails."""
         if self._stream is not None:
-            self._waiting.append((record, make_fields))
+            with self._named_errors():
+                self._stream.write(_ENCODER.encode({"record": record, **fields}) + "\n")
 
     def flush(self) -> None:
-        """Hand what waits to the system; raises OSError with the path if that fails."""
-        if self._stream is None or not self._waiting:
-            return
-        lines = [
-            _ENCODER.encode({"record": record, **make()}) + "\n" for record, make in self._waiting
-        ]
-        self._waiting.clear()
-        with self._named_errors():
-            self._stream.write("".join(lines))
-            self._stream.flush()
+        """Hand the records to the system; raise OSError with the path if that fails."""
+        if self._stream is not None:
+            with self._named_errors():
+                self._stream.flush()
 
     def close(self) -> None:
-        """Write what waits and close the file; nothing can be written then.
-
-        Raises as `flush` does.
-        """
-        self.flush()
+        """Close the file; nothing can be written then. Raises as `flush` does."""
         if self._stream is not None:
             with self._named_errors():
                 self._stream.close()

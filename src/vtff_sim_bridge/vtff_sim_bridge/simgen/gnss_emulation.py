@@ -147,8 +147,7 @@ class ReceiverSet:
                 motion = motion_of(receiver.configuration.vehicle)
                 send(name, self._bytes_of(name, receiver, motion, second, first, last))
             self._last_epoch = last
-            if last < newest:
-                self._truth.flush()  # that of many seconds takes much memory
+        self._truth.flush()
 
     def _bytes_of(
         self,
@@ -215,10 +214,10 @@ def compile_kernels(configuration: GnssConfiguration) -> None:
 class GnssEmulation:
     """Receivers of a `ScenarioMachine` with their ports; an observer of its time.
 
-    The bytes of a time are handed to the ports before the reply to the motion command that
-    brought it, its truth is written afterwards. What a client does not take waits; in lockstep the
-    server carries out no further command while too much of it waits (see `is_congested`), so that
-    nothing is lost.
+    The bytes of a time are handed to the ports, and its truth is written, before the reply to the
+    motion command that brought it. What a client does not take waits; in lockstep the server
+    carries out no further command while too much of it waits (see `is_congested`), so that nothing
+    is lost.
 
     Parameters
     ----------
@@ -294,16 +293,6 @@ class GnssEmulation:
         """Take commands from the ports and send what waits, as far as clients take it."""
         for port in self.ports.values():
             port.process()
-
-    def settle(self) -> None:
-        """Write the truth of what was sent.
-
-        In lockstep not while bytes wait for a client: a pseudo-terminal holds a part of a second
-        only, and who reads it waits for the rest.
-        """
-        if self._machine.is_lockstep and any(port.pending_bytes for port in self.ports.values()):
-            return
-        self._truth.flush()
 
     def close(self) -> None:
         """Close ports and truth file."""

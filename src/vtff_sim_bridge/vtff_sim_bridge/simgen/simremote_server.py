@@ -48,9 +48,6 @@ class Companion(Protocol):
     def process(self) -> None:
         """Do what there is to do, without waiting."""
 
-    def settle(self) -> None:
-        """Do what no client waits for; called at the end of each round of the loop."""
-
 
 class CommandSplitter:
     """Cuts a byte stream into commands at CR and LF; blank commands are dropped."""
@@ -228,8 +225,6 @@ class SimRemoteServer:
                 self._wake_receiver.recv(_RECEIVE_BYTES)
         self._machine.poll()
         self._take_what_is_due()
-        if self._companion is not None:
-            self._companion.settle()
 
     def _wait_time(self, timeout: float | None) -> float | None:
         """Return how long the selector may wait."""
