@@ -22,7 +22,7 @@ import sys
 import tempfile
 from typing import NamedTuple
 
-import yaml
+from vtff_node.plain_yaml import format_yaml, parse_yaml
 
 ROOT = pathlib.Path(__file__).resolve().parents[1]
 SYSTEMS = ROOT / "src/vtff_bringup/config/system"
@@ -70,7 +70,7 @@ def without_safety(folder: str) -> str:
     """Write the reference system without its monitor; return the path of the file."""
     text = (SYSTEMS / "reference.yaml").read_text()
     place = SYSTEMS.parent
-    content = yaml.safe_load(text.replace(": ../", f": {place}/").replace("- ../", f"- {place}/"))
+    content = parse_yaml(text.replace(": ../", f": {place}/").replace("- ../", f"- {place}/"))
     nodes = [node for node in content["nodes"] if node["executable"] != "formation_safety"]
     for node in nodes:
         files = node.get("parameter_files", [])
@@ -78,7 +78,7 @@ def without_safety(folder: str) -> str:
         if node["executable"] == "thruster_can":
             del node["remaps"]
     path = pathlib.Path(folder) / "reference.yaml"
-    path.write_text(yaml.safe_dump({**content, "nodes": nodes}, sort_keys=False))
+    path.write_text(format_yaml({**content, "nodes": nodes}))
     return str(path)
 
 

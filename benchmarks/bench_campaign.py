@@ -26,7 +26,6 @@ from typing import Any
 
 import distributed
 import psutil
-import yaml
 
 from vtff_bringup.campaign.campaign import Execution, PreparedCampaign, prepare_campaign
 from vtff_bringup.campaign.campaign_file import load_campaign
@@ -34,6 +33,7 @@ from vtff_bringup.campaign.cases import Case
 from vtff_bringup.campaign.execution import fly_campaign
 from vtff_bringup.campaign.plan import FlightPlan
 from vtff_bringup.campaign.worker import COMPLETE, make_record
+from vtff_node.plain_yaml import format_yaml
 
 REPOSITORY = pathlib.Path(__file__).resolve().parents[1]
 START = "scenario.spacecraft.deputy.orbit.same_orbit_ahead"
@@ -51,7 +51,7 @@ def prepared(folder: pathlib.Path, **fields: Any) -> PreparedCampaign:
     """Return a campaign that writes into a new folder."""
     out = pathlib.Path(tempfile.mkdtemp(dir=folder))
     file = out / "bench.yaml"
-    file.write_text(yaml.safe_dump({**CAMPAIGN, **fields}), encoding="utf-8")
+    file.write_text(format_yaml({**CAMPAIGN, **fields}), encoding="utf-8")
     return prepare_campaign(load_campaign(file), out, "none")
 
 

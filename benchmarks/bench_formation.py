@@ -30,8 +30,9 @@ import tempfile
 import time
 
 import numpy as np
-import yaml
 from bench_stages import fly as fly_processes
+
+from vtff_node.plain_yaml import format_yaml, parse_yaml
 
 SYSTEM = "formation_software"
 CONFIG = pathlib.Path(__file__).resolve().parents[1] / "config"
@@ -65,7 +66,7 @@ def fly(spacecraft: int, duration: int) -> tuple[float, float]:
 
 def systems_with_receivers(spacecraft: int, folder: pathlib.Path) -> list[str]:
     """Write the files of a formation with receivers; return the arguments of `vtff run`."""
-    train = yaml.safe_load((CONFIG / "scenario/train.yaml").read_text(encoding="utf-8"))
+    train = parse_yaml((CONFIG / "scenario/train.yaml").read_text(encoding="utf-8"))
     train["spacecraft"][1]["repeat"] = spacecraft - 1
     shutil.copy(CONFIG / "gnss/reference.yaml", folder)
     names = ["chief", *(f"deputy_{number}" for number in range(1, spacecraft))]
@@ -74,7 +75,7 @@ def systems_with_receivers(spacecraft: int, folder: pathlib.Path) -> list[str]:
     ]
     gnss = {"extends": "reference.yaml", "name": "train", "receivers": receivers}
     for name, content in (("train", train), ("receivers", gnss)):
-        text = yaml.safe_dump(content, sort_keys=False)
+        text = format_yaml(content)
         (folder / f"{name}.yaml").write_text(text, encoding="utf-8")
     return [f"scenario:={folder}/train.yaml", f"gnss:={folder}/receivers.yaml"]
 

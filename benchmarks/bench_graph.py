@@ -20,9 +20,8 @@ import tempfile
 import time
 from dataclasses import dataclass
 
-import yaml
-
 from vtff_bag.file.reader import BagReader
+from vtff_node.plain_yaml import format_yaml, parse_yaml
 
 ROOT = pathlib.Path(__file__).resolve().parents[1]
 SOFTWARE = ("reference_software",)
@@ -62,10 +61,10 @@ def system_without(node: str, folder: str) -> str:
     """Write the reference system without a node; return the path of the file."""
     path = ROOT / "config/system/reference.yaml"
     text = path.read_text().replace(": ../", f": {path.parents[1]}/")
-    content = yaml.safe_load(text.replace("[../", f"[{path.parents[1]}/"))
+    content = parse_yaml(text.replace("[../", f"[{path.parents[1]}/"))
     content["nodes"] = [entry for entry in content["nodes"] if entry["executable"] != node]
     changed = pathlib.Path(folder) / "system.yaml"
-    changed.write_text(yaml.safe_dump(content))
+    changed.write_text(format_yaml(content))
     return str(changed)
 
 

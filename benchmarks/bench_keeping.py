@@ -19,7 +19,6 @@ import math
 from pathlib import Path
 
 import numpy as np
-import yaml
 
 from vtff_analysis.closed_loop.drawn_navigation import DrawnNavigation, NavigationErrorModel
 from vtff_control.guidance.formation_guidance import FormationGuidance, FormationGuidanceParameters
@@ -29,6 +28,7 @@ from vtff_control.guidance.requests import ReconfigurationRequest
 from vtff_dynamics.relative.separation import closest_on_path
 from vtff_dynamics.vectors import FloatArray
 from vtff_node.executables import share_file
+from vtff_node.plain_yaml import parse_yaml
 from vtff_sim_bridge.truth.scenario import load_scenario
 
 STEP = 10.0  # s
@@ -56,7 +56,7 @@ class KeepingFlight:
         self.truth = scenario.formation_truth()
         names = tuple(spacecraft.name for spacecraft in scenario.spacecraft)
         file = share_file("vtff_bringup", "config/formation/fflas.yaml")
-        formations = read_formations(yaml.safe_load(Path(file).read_text()), "fflas.yaml", names)
+        formations = read_formations(parse_yaml(Path(file).read_text()), "fflas.yaml", names)
         setting = GuidanceSetting(names[0], names[1:], STEP, formations=formations)
         self.guidance = FormationGuidance(setting, FormationGuidanceParameters("triangle"))
         self.names = names

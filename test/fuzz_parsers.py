@@ -17,7 +17,6 @@ from __future__ import annotations
 import argparse
 import contextlib
 import copy
-import datetime
 import faulthandler
 import functools
 import logging
@@ -517,10 +516,10 @@ def _prepare_values(
         parse_other = functools.cache(parse_text)
         values: list[Any] = [None]
 
-        def take_values(text: str, *loader: Any) -> Any:
+        def take_values(text: str) -> Any:
             if text == _INSTEAD_OF_TEXT:
                 return copy.deepcopy(values[0])
-            return copy.deepcopy(parse_other(text, *loader))
+            return copy.deepcopy(parse_other(text))
 
         parse_file = prepare(folder)
         users = [
@@ -547,8 +546,7 @@ _VALUES: tuple[Any, ...] = (
     None, True, False, 0, 1, -1, 2, 3.5, -1e-300, 1e300, float("inf"), float("nan"), 1 << 70, "",
     "x", "chief", "deputy", "/x", "../x", "a/../b", "${run_directory}", "${a}", "${", "\0",
     "\ud800", "*", "lockstep", "1e3", "x" * 3000, [], {}, [None], {"": 0}, {"x": {"y": []}}, {1: 2},
-    datetime.date(2016, 3, 21), datetime.datetime(2016, 3, 21), b"bytes", {"a", 1},
-    (1, 2), [[[[[1]]]]], ["chief", "chief"],
+    "2016-03-21", [[[[[1]]]]], ["chief", "chief"],
 )  # fmt: skip
 
 

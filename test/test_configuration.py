@@ -14,11 +14,15 @@ import pathlib
 from typing import Any
 
 import pytest
-import yaml
+import rclpy
+from domain_coordinator import domain_id
+from rclpy.context import Context
+from rclpy.node import Node
 
 from vtff_bringup.system.extension import join_system
 from vtff_node.executables import node_class
 from vtff_node.parameters import default_of
+from vtff_node.plain_yaml import parse_yaml
 from vtff_node.plugins.loading import load_plugin
 from vtff_sim_bridge.simremote.language import DEFAULT_PORT
 
@@ -37,7 +41,7 @@ MODEL_PARAMETERS = frozenset(
 
 
 def read(path: pathlib.Path) -> dict[str, Any]:
-    return yaml.safe_load(path.read_text(encoding="utf-8"))
+    return parse_yaml(path.read_text(encoding="utf-8"))
 
 
 def nodes_of(path: pathlib.Path) -> list[dict[str, Any]]:
@@ -82,6 +86,29 @@ def test_a_params_file_holds_only_what_differs_from_the_defaults(path):
         for name, value in section["ros__parameters"].items():
             assert name in defaults, f"{node['executable']} has no parameter {name}"
             assert value != defaults[name], f"{name}: the default of {node['executable']}"
+
+
+@pytest.fixture(scope="module")
+def domain():
+    with domain_id() as domain:
+        yield domain
+
+
+@pytest.mark.parametrize("path", PARAMETER_FILES, ids=lambda path: path.stem)
+def test_rcl_reads_the_same_types_from_a_params_file(path, domain):
+    (section,) = read(path).values()
+    context = Context()
+    arguments = ["--ros-args", "--params-file", str(path)]
+    rclpy.init(args=arguments, context=context, domain_id=domain)
+    try:
+        options = {"automatically_declare_parameters_from_overrides": True}
+        node = Node("reader", context=context, enable_rosout=False, **options)
+        found = {name: node.get_parameter(name).value for name in section["ros__parameters"]}
+        node.destroy_node()
+    finally:
+        context.shutdown()
+    plain = {name: list(v) if hasattr(v, "typecode") else v for name, v in found.items()}
+    assert repr(plain) == repr(section["ros__parameters"])
 
 
 @pytest.mark.parametrize("path", SYSTEM_FILES, ids=lambda path: path.stem)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-import yaml
 from graph_support import ROOT, assert_equal_messages, run_vtff, topics
 
 from vtff_analysis.attitude.log_estimation import estimate_from_log
@@ -25,6 +24,7 @@ from vtff_dynamics.attitude.quaternion import (
 from vtff_nav.attitude.configuration import AttitudeFilterConfiguration, BodyModel
 from vtff_nav.attitude.onboard import OnboardAttitudeEstimator
 from vtff_nav.attitude.orbit_memory import OrbitMemory
+from vtff_node.plain_yaml import format_yaml, parse_yaml
 from vtff_node.stamps import to_nanoseconds
 
 # An attitude that is told may steer at once; a search from nothing takes twelve minutes, and tests
@@ -45,7 +45,7 @@ AGAIN_END = 150  # of the flight that is compared to the byte: the bus is off in
 @pytest.fixture(scope="module")
 def scenario_file(tmp_path_factory):
     """Return the scenario of SNAP-1 pointing, with a magnetometer that fails twice."""
-    fields = yaml.safe_load((ROOT / "config/scenario/snap1.yaml").read_text(encoding="utf-8"))
+    fields = parse_yaml((ROOT / "config/scenario/snap1.yaml").read_text(encoding="utf-8"))
     attitude = fields["spacecraft"][0]["attitude"]
     attitude["start"] = START
     attitude["faults"] = [
@@ -53,7 +53,7 @@ def scenario_file(tmp_path_factory):
         {"kind": "magnetometer_saturated", "start": 270.0, "end": 300.0},
     ]
     path = tmp_path_factory.mktemp("attitude") / "pointing.yaml"
-    path.write_text(yaml.safe_dump(fields), encoding="utf-8")
+    path.write_text(format_yaml(fields), encoding="utf-8")
     return path
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-import yaml
 from graph_support import ROOT
 
 from vtff_bag.file.reader import BagReader
@@ -16,6 +15,7 @@ from vtff_dynamics.attitude.quaternion import (
     turned_at_rate,
 )
 from vtff_dynamics.frames.rtn import rotation_gcrf_to_rtn
+from vtff_node.plain_yaml import format_yaml, parse_yaml
 from vtff_node.stamps import to_nanoseconds
 
 SECONDS = 30
@@ -35,7 +35,7 @@ def vector(message):
 
 def fly(runs, folder, name, *arguments, along_body=True, has_errors=True):
     """Fly from a metre ahead of the target, so that the thrusters are at their limit."""
-    scenario = yaml.safe_load((ROOT / "config/scenario/reference_attitude.yaml").read_text())
+    scenario = parse_yaml((ROOT / "config/scenario/reference_attitude.yaml").read_text())
     deputy = scenario["spacecraft"][1]
     deputy["orbit"]["same_orbit_ahead"] = 101.0
     if not has_errors:
@@ -44,7 +44,7 @@ def fly(runs, folder, name, *arguments, along_body=True, has_errors=True):
     if not along_body:
         del deputy["attitude"]["propulsion"]
     file = folder / f"{name}.yaml"
-    file.write_text(yaml.safe_dump(scenario))
+    file.write_text(format_yaml(scenario))
     return runs.make(
         name, SYSTEM, f"scenario:={file}", "simgen_host:=", *arguments,
         "--duration", SECONDS, "--no-report",

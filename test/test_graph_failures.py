@@ -11,17 +11,17 @@ import sys
 import time
 
 import pytest
-import yaml
 from graph_support import ROOT, SYSTEMS, run_vtff
 
 from vtff_bag.file.reader import BagReader
+from vtff_node.plain_yaml import format_yaml, parse_yaml
 
 SYSTEM = SYSTEMS / "reference_software.yaml"
 
 
 def system_with(tmp_path, change):
     """Write a changed copy of the reference system beside the original's files."""
-    content = yaml.safe_load(SYSTEM.read_text())
+    content = parse_yaml(SYSTEM.read_text())
     content["arguments"]["scenario"]["default"] = str(ROOT / "config/scenario/reference.yaml")
     for node in content["nodes"]:
         node["parameter_files"] = [
@@ -29,7 +29,7 @@ def system_with(tmp_path, change):
         ]
     change(content)
     path = tmp_path / "system.yaml"
-    path.write_text(yaml.safe_dump(content))
+    path.write_text(format_yaml(content))
     return path
 
 

@@ -9,7 +9,6 @@ import signal
 import fault_injection
 import numpy as np
 import pytest
-import yaml
 from fault_injection import Flight
 from graph_support import ROOT, SYSTEMS, assert_equal_messages, run_vtff, topics
 
@@ -23,6 +22,7 @@ from vtff_dynamics.orbit.mean_elements import osculating_elements, state_from_el
 from vtff_dynamics.relative.relative_elements import mean_relative_elements
 from vtff_dynamics.relative.separation import closest_on_path
 from vtff_msgs.msg import FormationGuidance, FormationSafety
+from vtff_node.plain_yaml import format_yaml, parse_yaml
 from vtff_sim_bridge.truth.scenario import load_scenario
 
 MASS = 1600.0
@@ -52,7 +52,7 @@ def closest(positions):
 
 def test_files_hold_the_numbers_of_the_paper():
     file = ROOT / "config" / "formation" / "fflas.yaml"
-    formations = yaml.safe_load(file.read_text(encoding="utf-8"))
+    formations = parse_yaml(file.read_text(encoding="utf-8"))
     for formation in ("pco", "helix"):
         for name, letter in zip(SPACECRAFT, FFLAS_PHASES, strict=True):
             wanted = fflas_formations()[formation][letter]
@@ -65,7 +65,7 @@ def test_files_hold_the_numbers_of_the_paper():
         np.testing.assert_allclose(state[3:], 0.0, atol=1e-7)
         elements = mean_relative_elements(reference, wanted)
         np.testing.assert_allclose(formations["triangle"][craft.name], elements, atol=1e-4)
-    engine = yaml.safe_load((ROOT / "config" / "params" / "thruster_t5.yaml").read_text())
+    engine = parse_yaml((ROOT / "config" / "params" / "thruster_t5.yaml").read_text())
     assert engine["/**"]["ros__parameters"] == {
         "acceleration_cap": T5_ENGINE.largest / MASS,
         "quantum": pytest.approx(T5_ENGINE.step / MASS, rel=1e-12),
@@ -165,7 +165,7 @@ def test_killed_guidance_leaves_a_formation_that_drifts_clear(tmp_path, monkeypa
     words = {"formation_guidance": "parameters/formation_guidance.yaml"}
     monkeypatch.setattr(fault_injection, "PROCESSES", words)
     system = tmp_path / "safe.yaml"
-    system.write_text(yaml.safe_dump(PASSIVELY_SAFE), encoding="utf-8")
+    system.write_text(format_yaml(PASSIVELY_SAFE), encoding="utf-8")
     flight = Flight(tmp_path / "flight", system=str(system))
     flight.wait_for_steps(200_000)
     with flight.fault():

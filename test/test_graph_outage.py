@@ -7,11 +7,11 @@ import math
 
 import numpy as np
 import pytest
-import yaml
 from graph_support import ROOT, run_vtff
 
 from vtff_bag.file.reader import BagReader
 from vtff_msgs.msg import RelativeState
+from vtff_node.plain_yaml import format_yaml, parse_yaml
 
 pytestmark = pytest.mark.slow
 
@@ -21,10 +21,10 @@ THRUSTER_ERRORS = {"scale": 1.05, "misalignment_deg": 2.0, "noise": 0.01}
 
 def changed(folder, name, change):
     """Write config/<name> with a change into a folder and return the path."""
-    content = yaml.safe_load((ROOT / "config" / name).read_text(encoding="utf-8"))
+    content = parse_yaml((ROOT / "config" / name).read_text(encoding="utf-8"))
     change(content)
     path = folder / name.replace("/", "_")
-    path.write_text(yaml.safe_dump(content), encoding="utf-8")
+    path.write_text(format_yaml(content), encoding="utf-8")
     return path
 
 

@@ -10,7 +10,6 @@ import random
 
 import numpy as np
 import pytest
-import yaml
 from encoder_test_support import receiver_log
 from graph_support import SYSTEMS, run_vtff
 from shared_data import require_shared
@@ -22,6 +21,7 @@ from vtff_gnss.fix import Fix
 from vtff_gnss.novatel import RawLog, read_log
 from vtff_gnss.observations import ObservationEpoch
 from vtff_node.conversions import gnss as conversions
+from vtff_node.plain_yaml import format_yaml, parse_yaml
 from vtff_node.stamps import to_nanoseconds
 
 SYSTEM = "receiver_log.yaml"
@@ -338,9 +338,9 @@ def test_two_receivers_in_one_system(tmp_path):
         }
         for craft, path in paths.items()
     ]
-    recorder = yaml.safe_load((SYSTEMS / SYSTEM).read_text())["nodes"][-1]
+    recorder = parse_yaml((SYSTEMS / SYSTEM).read_text())["nodes"][-1]
     system = tmp_path / "two_receivers.yaml"
-    system.write_text(yaml.safe_dump({"nodes": [*drivers, recorder]}))
+    system.write_text(format_yaml({"nodes": [*drivers, recorder]}))
     out = tmp_path / "run"
     result = run_vtff("run", system, "--no-report", "--out", out)
     assert result.returncode == 0, result.stdout

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-import yaml
 from graph_support import (
     RECEIVER_FLIGHT,
     RECEIVER_FLIGHT_DURATION,
@@ -17,6 +16,7 @@ from vtff_bag.file.reader import BagReader
 from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
 from vtff_gnss import constants as c
 from vtff_node.conversions.gnss import ephemeris_from_message, observations_from_message
+from vtff_node.plain_yaml import format_yaml, parse_yaml
 
 pyrtklib = pytest.importorskip("pyrtklib", reason="the referee decoder is not installed")
 
@@ -172,7 +172,7 @@ def fault_windows():
 @pytest.fixture(scope="module")
 def disturbed(runs, run, tmp_path_factory):
     """Return the flight in which the deputy's receiver has one fault after the other."""
-    content = yaml.safe_load((ROOT / "config/gnss/reference.yaml").read_text())
+    content = parse_yaml((ROOT / "config/gnss/reference.yaml").read_text())
     epochs = messages(run, "/deputy/gnss/epoch")
     for kind, (start, _) in fault_windows().items():
         fault = {"kind": kind, "receiver": "deputy", "time": float(start), **FAULTS[kind][0]}
@@ -180,7 +180,7 @@ def disturbed(runs, run, tmp_path_factory):
             fault["satellite"], fault["signal"] = f"G{epochs[start].prn[0]:02}", "G1C"
         content["faults"].append(fault)
     path = tmp_path_factory.mktemp("faults") / "gnss.yaml"
-    path.write_text(yaml.safe_dump(content))
+    path.write_text(format_yaml(content))
     duration = max(end for _, end in fault_windows().values())
     return runs.make(
         "faults", SYSTEM, "--duration", duration, f"gnss:={path}", "--no-report"

@@ -6,11 +6,11 @@ import hashlib
 import json
 
 import pytest
-import yaml
 from graph_support import SYSTEMS, run_vtff
 
 from vtff_bag.file.reader import BagReader
 from vtff_msgs.msg import FormationSafety
+from vtff_node.plain_yaml import format_yaml
 
 pytestmark = pytest.mark.slow
 
@@ -51,7 +51,7 @@ GUARDED = {
 
 def fly(folder, *arguments):
     system = folder / "guarded.yaml"
-    system.write_text(yaml.safe_dump(GUARDED), encoding="utf-8")
+    system.write_text(format_yaml(GUARDED), encoding="utf-8")
     run = folder / arguments[0].strip("-")
     result = run_vtff("run", system, "--duration", 100, "--out", run, *arguments)
     assert result.returncode == 0, result.stdout + result.stderr

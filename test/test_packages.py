@@ -9,7 +9,8 @@ import subprocess
 import sys
 
 import pytest
-import yaml
+
+from vtff_node.plain_yaml import parse_yaml
 
 catkin_package = pytest.importorskip("catkin_pkg.package", reason="catkin_pkg is not installed")
 
@@ -42,6 +43,7 @@ KEYS = {
     "pytest": "python3-pytest",
     "rich": "python3-rich",
     "rosbags": "python3-rosbags-pip",
+    "ruamel": "python3-ruamel.yaml",
     "scipy": "python3-scipy",
     "serial": "python3-serial",
     "typer": "python3-typer",
@@ -208,8 +210,8 @@ DISTRIBUTIONS = {
     "can": "python-can",
     "foxglove": "foxglove-sdk",
     "novatel_edie": "novatel-edie",
+    "ruamel": "ruamel.yaml",
     "serial": "pyserial",
-    "yaml": "pyyaml",
 }
 
 
@@ -261,14 +263,14 @@ def test_colcon_finds_an_order():
 
 @pytest.mark.parametrize("package", FOLDERS)
 def test_every_dependency_can_be_resolved(package):
-    custom = set(yaml.safe_load((ROOT / "rosdep/vtff.yaml").read_text(encoding="utf-8")))
+    custom = set(parse_yaml((ROOT / "rosdep/vtff.yaml").read_text(encoding="utf-8")))
     names = declared(package, "buildtool_depends", "build_depends", "exec_depends", "test_depends")
     unknown = names - custom - OFFICIAL - ROS_PACKAGES - set(FOLDERS)
     assert not unknown, f"no rosdep key is known for {sorted(unknown)}"
 
 
 def test_custom_keys_are_used():
-    custom = set(yaml.safe_load((ROOT / "rosdep/vtff.yaml").read_text(encoding="utf-8")))
+    custom = set(parse_yaml((ROOT / "rosdep/vtff.yaml").read_text(encoding="utf-8")))
     used = {name for package in FOLDERS for name in declared(package, "exec_depends")}
     assert custom <= used
     assert not custom & OFFICIAL

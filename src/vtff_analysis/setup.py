@@ -27,7 +27,6 @@ setup(
         "brahe>=1.8,<1.9",
         "scipy>=1.11,<2",
         "matplotlib>=3.8,<4",
-        "PyYAML>=6,<7",
         "pillow>=10,<14",
         "pyarrow>=17,<30",
         "rich>=13,<16",

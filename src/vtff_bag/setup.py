@@ -15,7 +15,6 @@ setup(
     package_data={package_name: ["py.typed"]},
     install_requires=[
         "numpy>=1.26,<3",
-        "PyYAML>=6,<7",
         "mcap>=1.5,<2",
         "zstandard>=0.21,<1",
         "lz4>=4.3,<5",

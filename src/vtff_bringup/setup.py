@@ -34,7 +34,6 @@ setup(
     install_requires=[
         "numpy>=1.26,<3",
         "scipy>=1.11,<2",
-        "PyYAML>=6,<7",
         "pyarrow>=17,<30",
         "rich>=13,<16",
         "typer>=0.19,<1",

@@ -15,7 +15,7 @@ setup(
     package_data={package_name: ["py.typed"]},
     install_requires=[
         "numpy>=1.26,<3",
-        "PyYAML>=6,<7",
+        "ruamel.yaml>=0.17.21,<0.20",
         "python-can[multicast]>=4.6,<5",
         "vtff_dynamics==0.1.0",
         "vtff_gnss==0.1.0",

@@ -16,7 +16,6 @@ setup(
     install_requires=[
         "numpy>=1.26,<3",
         "scipy>=1.11,<2",
-        "PyYAML>=6,<7",
         "python-can[multicast]>=4.6,<5",
         "cantools>=40,<46",
         "crccheck>=1.3,<2",

@@ -12,10 +12,10 @@ import time
 from typing import Any
 
 import pyarrow.parquet as pq
-import yaml
 
 from vtff_bringup.campaign.campaign import PreparedCampaign, prepare_campaign
 from vtff_bringup.campaign.campaign_file import load_campaign
+from vtff_node.plain_yaml import format_yaml
 
 # What differs between equal campaigns; the commit may change while tests run in a checkout.
 TIMES = ["wall_time_s", "processor_time_s", "git_commit"]
@@ -64,7 +64,7 @@ def changed(path: str, value: Any, base: dict[str, Any] | None = None) -> dict[s
 def write_campaign(folder: pathlib.Path, content: dict[str, Any] | None = None) -> pathlib.Path:
     """Write a campaign file."""
     path = folder / "small.yaml"
-    path.write_text(yaml.safe_dump(SMALL if content is None else content), encoding="utf-8")
+    path.write_text(format_yaml(SMALL if content is None else content), encoding="utf-8")
     return path
 
 

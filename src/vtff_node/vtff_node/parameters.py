@@ -37,6 +37,12 @@ _KIND_NAMES = {
     "list[str]": "a list of texts",
 }
 
+#: Truth values of YAML 1.1, which are texts in YAML 1.2, with the word of YAML 1.2.
+OLD_TRUTH_WORDS = {
+    **dict.fromkeys(("y", "yes", "on"), "true"),
+    **dict.fromkeys(("n", "no", "off"), "false"),
+}
+
 #: Stands for "no default": the parameter has to be given.
 REQUIRED: Any = object()
 
@@ -82,6 +88,12 @@ def parameter(
     if isinstance(default, list):
         return dataclasses.field(default_factory=lambda: list(default), metadata=metadata)
     return dataclasses.field(default=default, metadata=metadata)
+
+
+def truth_word_hint(value: Any) -> str:
+    """Return the end of an error message for a truth value of YAML 1.1; empty for other values."""
+    word = OLD_TRUTH_WORDS.get(value.lower()) if isinstance(value, str) else None
+    return f"; write {word}" if word else ""
 
 
 def with_default(table: type, name: str, default: Any) -> Any:
@@ -235,7 +247,10 @@ def check_values(node_name: str, values: Mapping[str, Any], tables: Sequence[typ
         if kind in ("float", "list[float]"):
             value = _converted_numbers(name, value, kind == "list[float]")
         elif expected is not None and any(type(item) is not expected for item in items):
-            raise ParameterError(f"parameter '{name}' is {value!r}; it must be {_KIND_NAMES[kind]}")
+            hint = truth_word_hint(value) if kind == "bool" else ""
+            raise ParameterError(
+                f"parameter '{name}' is {value!r}; it must be {_KIND_NAMES[kind]}{hint}"
+            )
         check(name, field, value)
 
 

@@ -5,7 +5,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import yaml
 
 from vtff_analysis.closed_loop.drawn_navigation import NavigationErrorModel
 from vtff_analysis.closed_loop.simulation import ClosedLoopResult, simulate_closed_loop
@@ -13,6 +12,7 @@ from vtff_analysis.studies.navigation_noise import expected_delta_v_per_hour
 from vtff_control.tracking.sdre import SdreDesign
 from vtff_dynamics.frames.rtn import deputy_state_gcrf
 from vtff_dynamics.orbit.elements import ClassicalElements, osculating_mean_motion
+from vtff_node.plain_yaml import parse_yaml
 from vtff_sim_bridge.truth.scenario import Scenario, load_scenario
 from vtff_sim_bridge.truth.thruster_errors import ThrusterErrorModel
 
@@ -25,7 +25,7 @@ def shipped_design() -> SdreDesign:
     """Return the controller of `vtff run reference`."""
     values = {}
     for name in ("sdre_controller", "sdre_controller_navigation_aware"):
-        file = yaml.safe_load((CONFIG / "params" / f"{name}.yaml").read_text())
+        file = parse_yaml((CONFIG / "params" / f"{name}.yaml").read_text())
         values.update(file["/**"]["ros__parameters"])
     return SdreDesign(**values)
 

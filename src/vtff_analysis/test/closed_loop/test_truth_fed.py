@@ -3,10 +3,10 @@
 from pathlib import Path
 
 import pytest
-import yaml
 
 from vtff_analysis.closed_loop.truth_fed import summarise_truth_fed
 from vtff_bag.run.description import RunDescription
+from vtff_node.plain_yaml import format_yaml
 
 CONFIG = Path(__file__).resolve().parents[4] / "config"
 SCENARIO = (CONFIG / "scenario" / "reference.yaml").read_text(encoding="utf-8")
@@ -19,14 +19,14 @@ def described(
     controller = {"deputy": "deputy", "target_position_rtn": [0.0, 100.0, 0.0], **controller}
     nodes = {"/sdre_controller": controller, "/deputy/thruster": thruster}
     texts = {
-        name: yaml.safe_dump({name: {"ros__parameters": values}}) for name, values in nodes.items()
+        name: format_yaml({name: {"ros__parameters": values}}) for name, values in nodes.items()
     }
     return RunDescription(parameter_texts=texts, scenario_text=scenario)
 
 
 def test_the_twin_flies_controller_and_thruster_of_the_run() -> None:
     """Without feedforward J2 shows along N, and the quantum of the CAN thruster on R."""
-    design = {"design": "delay_aware", "acceleration_cap": 1.4, "position_weight": 0.0}
+    design = {"design": "delay_aware", "acceleration_cap": 1.4}
     linear = summarise_truth_fed(described(design, CAN_THRUSTER), "deputy", 1, 900.0)
     assert linear["truth_fed_settled_keeping_cross_track_rms_m"] > 1e-3
     assert linear["truth_fed_settled_keeping_radial_rms_m"] > 1e-4

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import yaml
 
 from vtff_analysis.fflas.reconfiguration import FFLAS_PERIOD
 from vtff_control.guidance.formation_guidance import (
@@ -24,6 +23,7 @@ from vtff_control.safety.formation_safety import (
 )
 from vtff_control.thruster.thruster import Thruster
 from vtff_node.executables import share_file
+from vtff_node.plain_yaml import parse_yaml
 from vtff_sim_bridge.truth.scenario import load_scenario
 
 NAMES = ("alpha", "bravo", "charlie")
@@ -32,7 +32,7 @@ SIGMA = np.array([2e-3] * 3 + [1e-5] * 3)  # what the filters state in `vtff run
 
 def parameters(file):
     text = Path(share_file("vtff_bringup", f"config/params/{file}")).read_text(encoding="utf-8")
-    return yaml.safe_load(text)["/**"]["ros__parameters"]
+    return parse_yaml(text)["/**"]["ros__parameters"]
 
 
 class Flight:
@@ -45,7 +45,7 @@ class Flight:
         scenario = load_scenario(share_file("vtff_bringup", "config/scenario/fflas_software.yaml"))
         self.truth, self.step_time = scenario.formation_truth(), scenario.step
         file = share_file("vtff_bringup", "config/formation/fflas.yaml")
-        formations = read_formations(yaml.safe_load(Path(file).read_text()), "fflas.yaml", NAMES)
+        formations = read_formations(parse_yaml(Path(file).read_text()), "fflas.yaml", NAMES)
         setting = GuidanceSetting(NAMES[0], NAMES[1:], self.step_time, formations=formations)
         self.guidance = FormationGuidance(setting, FormationGuidanceParameters("triangle"))
         self.setting = SafetySetting(

@@ -3,12 +3,12 @@
 import pathlib
 
 import numpy as np
-import yaml
 
 from vtff_analysis.page.citation import PAPERS
 from vtff_analysis.page.page import Picture, render_figures, render_page, render_table
 from vtff_analysis.page.results import Section, write_results
 from vtff_analysis.plot_style import make_figure, save_figure
+from vtff_node.plain_yaml import parse_yaml
 
 
 def test_texts_are_escaped_and_papers_and_command_stand_at_the_end():
@@ -34,7 +34,7 @@ def test_figures_with_lines_bring_the_script(tmp_path):
 
 def test_the_citation_file_names_the_same_papers():
     root = pathlib.Path(__file__).resolve().parents[4]
-    citation = yaml.safe_load((root / "CITATION.cff").read_text(encoding="utf-8"))
+    citation = parse_yaml((root / "CITATION.cff").read_text(encoding="utf-8"))
     cited = {entry["doi"] for entry in citation["references"] if "doi" in entry}
     assert cited == {paper.doi for paper in PAPERS.values() if paper.doi}
     changes = (root / "CHANGELOG.md").read_text(encoding="utf-8")

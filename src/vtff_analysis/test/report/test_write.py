@@ -7,7 +7,6 @@ import re
 
 import numpy as np
 import pytest
-import yaml
 from PIL import Image
 from rich.console import Console
 
@@ -28,6 +27,7 @@ from vtff_msgs.msg import (  # noqa: E402
     RelativeState,
     SimulatorStatus,
 )
+from vtff_node.plain_yaml import format_yaml
 from vtff_node.stamps import to_stamp  # noqa: E402
 
 REPOSITORY = pathlib.Path(__file__).resolve().parents[4]
@@ -101,11 +101,11 @@ def write_formation(
             "feedforward": False,
         }
         content = {f"/{deputy}_controller": {"ros__parameters": parameters}}
-        (folder / f"{deputy}.yaml").write_text(yaml.safe_dump(content))
+        (folder / f"{deputy}.yaml").write_text(format_yaml(content))
     scenario = run_directory / "scenario.yaml"
     scenario.write_text("seed: 42\n")
     content = {"/simgen_bridge": {"ros__parameters": {"scenario_file": str(scenario)}}}
-    (folder / "simgen_bridge.yaml").write_text(yaml.safe_dump(content))
+    (folder / "simgen_bridge.yaml").write_text(format_yaml(content))
 
 
 def write_receivers(run_directory, crafts=("chief", "deputy")):
@@ -263,7 +263,7 @@ def test_receivers_are_called_emulated_or_real(run_directory, ports, receivers, 
     for spacecraft, port in zip(("chief", "deputy"), ports, strict=True):
         content = {f"/{spacecraft}/receiver_driver": {"ros__parameters": {"port": port}}}
         file = run_directory / "parameters" / f"{spacecraft}_receiver_driver.yaml"
-        file.write_text(yaml.safe_dump(content))
+        file.write_text(format_yaml(content))
     _, summary, shown = report(run_directory, gnss="gnss/evening.yaml")
     assert summary["receivers"] == receivers
     assert_documented(summary)

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import yaml
 
 from vtff_analysis.closed_loop.simulation import simulate_closed_loop
 from vtff_analysis.closed_loop.summary import summarise_closed_loop
@@ -19,6 +18,7 @@ from vtff_analysis.studies.thrust_cap import (
     write_plot,
 )
 from vtff_control.tracking.sdre import SdreDesign
+from vtff_node.plain_yaml import parse_yaml
 from vtff_sim_bridge.truth.scenario import load_scenario
 
 CONFIGURATION = Path(__file__).resolve().parents[4] / "config"
@@ -70,7 +70,7 @@ def test_large_caps(findings: ThrustCapFindings) -> None:
 
 
 def test_the_campaign_s_caps_cover_the_paper_s_range_and_landmarks() -> None:
-    campaign = yaml.safe_load(CAMPAIGN.read_text(encoding="utf-8"))
+    campaign = parse_yaml(CAMPAIGN.read_text(encoding="utf-8"))
     caps = campaign["vary"]["thrust_cap"]["values"]
     assert caps[0] == 0.01 and caps[-1] == 10.0 and np.all(np.diff(caps) > 0.0)
     assert {0.02, 1.2, 1.4, 1.95} <= set(caps)

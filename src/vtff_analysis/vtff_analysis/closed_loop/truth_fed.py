@@ -7,13 +7,13 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-import yaml
 
 from vtff_analysis.closed_loop.simulation import simulate_closed_loop
 from vtff_analysis.closed_loop.summary import summarise_closed_loop
 from vtff_analysis.recordings.topics import DEPUTY
 from vtff_bag.run.description import RunDescription, node_parameters
 from vtff_control.tracking.sdre import DESIGNS, SdreDesign
+from vtff_node.plain_yaml import parse_yaml
 from vtff_sim_bridge.thruster.can_thruster_emulator import QUANTUM
 from vtff_sim_bridge.truth.scenario import Scenario, read_scenario
 
@@ -53,14 +53,14 @@ def summarise_truth_fed(
     if controller is None or str(controller.get("design", SdreDesign.design)) not in DESIGNS:
         return {}
     try:
-        fields = yaml.safe_load(described.scenario_text)
+        fields = parse_yaml(described.scenario_text)
         scenario = _scenario_of(read_scenario(fields, "scenario", seed), deputy, controller)
         design = _design(controller, scenario.step)
         quantum = QUANTUM if "dbc_file" in thruster else float(thruster.get("quantum", 0.0))
         result = simulate_closed_loop(
             scenario, design, {"quantum": quantum}, duration=min(duration, LONGEST)
         )
-    except (ValueError, TypeError, LookupError, OSError, yaml.YAMLError):
+    except (ValueError, TypeError, LookupError, OSError):
         return {}  # a damaged recording, or one of a version with other fields
     return {
         f"truth_fed_{key}": value

@@ -8,12 +8,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import yaml
 
 from vtff_analysis.recordings.topics import DEPUTY
 from vtff_bag.run.description import SCENARIO_PARAMETER, RunDescription, node_parameters
 from vtff_control.tracking.sdre import DEFAULT_OPTIONS, SdreDesign
 from vtff_dynamics.vectors import FloatArray
+from vtff_node.plain_yaml import PlainYamlError, parse_yaml
 
 # Emulators open their serial ports in this folder of the run (system files, `simgen_emulator`).
 _EMULATED_PORTS = "/ports/"
@@ -130,8 +130,8 @@ def _seed(values: Mapping[str, Any], scenario_text: str) -> int | None:
     seed = values.get("seed", -1)
     if not (isinstance(seed, int) and seed >= 0):
         try:
-            scenario = yaml.safe_load(scenario_text)
-        except yaml.YAMLError:
+            scenario = parse_yaml(scenario_text)
+        except PlainYamlError:
             return None
         seed = scenario.get("seed") if isinstance(scenario, Mapping) else None
     return seed if isinstance(seed, int) else None

@@ -11,7 +11,6 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-import yaml
 
 from vtff_analysis.evaluation.receiver_comparison import (
     ReceiverComparison,
@@ -45,6 +44,7 @@ from vtff_analysis.report.tables import (
 from vtff_analysis.report.verdict import SECTIONS, Verdict, find_verdict, printed_navigation_error
 from vtff_bag.run.description import RunDescription, node_parameters
 from vtff_gnss.signals import satellite_name
+from vtff_node.plain_yaml import format_yaml
 from vtff_node.start.listeners import TOPICS_SUBJECT
 
 _LEVEL_NAMES = ("ok", "warning", "error", "stale")
@@ -372,7 +372,7 @@ def _render_parameters(described: RunDescription) -> str:
 
 def _format_value(value: Any) -> str:
     if isinstance(value, (dict, list)):
-        return str(yaml.safe_dump(value, default_flow_style=True, width=4096)).strip()
+        return format_yaml(value, on_one_line=True)
     return f"{value:.6g}" if isinstance(value, float) and value % 1 else str(value)
 
 

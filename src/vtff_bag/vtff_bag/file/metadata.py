@@ -10,10 +10,8 @@ import pathlib
 from collections.abc import Mapping
 from typing import Any
 
-import yaml
-
 from vtff_bag.file.errors import BagReadError, BagWriteError
-from vtff_node.plain_yaml import FAST_LOADER, PlainYamlError, parse_yaml
+from vtff_node.plain_yaml import PlainYamlError, format_yaml, parse_yaml
 
 METADATA_FILE = "metadata.yaml"
 METADATA_VERSION = 9
@@ -28,18 +26,6 @@ INFINITE_DURATION = {"sec": 9223372036, "nsec": 854775807}
 _PARSING_ERRORS = (LookupError, TypeError, ValueError, AttributeError, OverflowError)
 
 QosEntry = dict[str, Any]
-
-
-class _PlainDumper(yaml.SafeDumper):
-    """Dumper without anchors: not every reader of metadata.yaml follows them."""
-
-    def ignore_aliases(self, data: Any) -> bool:
-        return True
-
-
-def dump_yaml(content: Any) -> str:
-    """Return YAML text without anchors, keys in the order given."""
-    return yaml.dump(content, Dumper=_PlainDumper, sort_keys=False, allow_unicode=True, width=4096)
 
 
 def offered_qos(
@@ -165,7 +151,7 @@ def write_metadata(directory: pathlib.Path, metadata: BagMetadata) -> None:
     path = directory / METADATA_FILE
     unfinished = directory / f".{METADATA_FILE}.new"
     try:
-        text = dump_yaml({ROOT_KEY: metadata.as_dictionary()})
+        text = format_yaml({ROOT_KEY: metadata.as_dictionary()})
         unfinished.write_text(text, encoding="utf-8")
         os.replace(unfinished, path)
     except OSError as error:
@@ -185,7 +171,7 @@ def read_metadata(path: pathlib.Path) -> BagMetadata:
     except OSError as error:
         raise BagReadError(f"{path}: cannot read: {error.strerror or error}") from error
     try:
-        content = parse_yaml(text.decode("utf-8"), FAST_LOADER)
+        content = parse_yaml(text.decode("utf-8"))
     except (PlainYamlError, UnicodeDecodeError) as error:
         raise BagReadError(f"{path}: not valid YAML: {error}") from error
     try:
@@ -197,7 +183,7 @@ def read_metadata(path: pathlib.Path) -> BagMetadata:
 def parse_stored_metadata(text: str) -> BagMetadata | None:
     """Return the metadata from the copy in an MCAP file (no root key); None if unreadable."""
     try:
-        return _parse(parse_yaml(text, FAST_LOADER))
+        return _parse(parse_yaml(text))
     except _PARSING_ERRORS:
         return None
 
@@ -244,7 +230,7 @@ def parse_qos(offered: Any) -> list[QosEntry]:
 def _parse_qos_text(offered: str) -> list[QosEntry]:
     """Return the profiles in a YAML text; most topics of a bag have the same text."""
     try:
-        return _select_profiles(parse_yaml(offered, FAST_LOADER))
+        return _select_profiles(parse_yaml(offered))
     except PlainYamlError:
         return []
 

@@ -28,8 +28,8 @@ from vtff_bag.file.metadata import (
     FileInformation,
     QosEntry,
     TopicInformation,
-    dump_yaml,
 )
+from vtff_node.plain_yaml import format_yaml
 
 PROFILE = "ros2"
 LIBRARY = "vtff bag_recorder"
@@ -288,7 +288,7 @@ class BagWriter:
             message_encoding=MESSAGE_ENCODING,
             schema_id=schema_id,
             metadata={
-                "offered_qos_profiles": dump_yaml(topic.offered_qos_profiles),
+                "offered_qos_profiles": format_yaml(topic.offered_qos_profiles),
                 "topic_type_hash": topic.type_hash,
             },
         )
@@ -339,7 +339,7 @@ class BagWriter:
         if self._closed or self._failed:
             return
         try:
-            serialized = dump_yaml(self._make_metadata().as_dictionary())
+            serialized = format_yaml(self._make_metadata().as_dictionary())
             self._writer.add_metadata("rosbag2", {"serialized_metadata": serialized})
             self._writer.finish()
             self._file.close()

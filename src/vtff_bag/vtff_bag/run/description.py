@@ -13,7 +13,7 @@ import pathlib
 from collections.abc import Mapping
 from typing import Any
 
-from vtff_node.plain_yaml import FAST_LOADER, PlainYamlError, parse_yaml
+from vtff_node.plain_yaml import PlainYamlError, parse_yaml
 
 RUN_FILE = "run.json"
 PARAMETER_FOLDER = "parameters"
@@ -191,7 +191,7 @@ def _read_scenario(parameter_texts: Any) -> str:
 def node_parameters(text: str) -> dict[str, Mapping[str, Any]]:
     """Return the parameters by node of a ROS parameter file; empty for any other text."""
     try:
-        content = parse_yaml(text, FAST_LOADER)
+        content = parse_yaml(text)
     except PlainYamlError:
         return {}
     if not isinstance(content, Mapping):

@@ -5,10 +5,10 @@ from __future__ import annotations
 import copy
 
 import pytest
-import yaml
 
 from vtff_bringup.campaign.plan import override, set_entry
 from vtff_bringup.system.overrides import parse_override
+from vtff_node.plain_yaml import format_yaml
 
 FIELDS = {
     "seed": 1,
@@ -42,7 +42,7 @@ def test_an_override_keeps_its_value_to_the_last_digit(value):
 def test_an_entry_is_named_by_names_and_indices(path, text):
     fields = copy.deepcopy(FIELDS)
     set_entry(fields, path, 9)
-    assert text in yaml.safe_dump(fields, sort_keys=False, default_flow_style=True, width=500)
+    assert text in format_yaml(fields, on_one_line=True)
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,6 @@ import sys
 import types
 
 import pytest
-import yaml
 
 from vtff_bringup.run import domain
 from vtff_bringup.run import launch_description as launch_system
@@ -22,6 +21,7 @@ from vtff_bringup.system.description import RunSettings
 from vtff_bringup.system.errors import SystemFileError
 from vtff_bringup.system.system_file import load_system
 from vtff_node import executables
+from vtff_node.plain_yaml import format_yaml, parse_yaml
 
 ROOT = pathlib.Path(__file__).resolve().parents[4]
 REFERENCE = ROOT / "config/system/reference_software.yaml"
@@ -72,7 +72,7 @@ def ros_arguments(node):
     for file in files:
         line += ["--params-file", file]
     for key, value in values.items():
-        line += ["-p", f"{key}:={yaml.safe_dump(value, default_flow_style=True)}"]
+        line += ["-p", f"{key}:={format_yaml(value, on_one_line=True)}"]
     for source, target in given["remappings"]:
         line += ["-r", f"{source}:={target}"]
     return line
@@ -265,7 +265,7 @@ def test_short_run(real_launch, tmp_path, path):
         )
     )
     assert service.run() == 0
-    metadata = yaml.safe_load((run / "bag/metadata.yaml").read_text())
+    metadata = parse_yaml((run / "bag/metadata.yaml").read_text())
     counts = {
         entry["topic_metadata"]["name"]: entry["message_count"]
         for entry in metadata["rosbag2_bagfile_information"]["topics_with_message_count"]

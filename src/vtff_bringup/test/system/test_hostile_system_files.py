@@ -6,7 +6,6 @@ import pathlib
 import tempfile
 
 import pytest
-import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -14,13 +13,14 @@ from vtff_bringup.system.description import RunSettings
 from vtff_bringup.system.errors import SystemFileError
 from vtff_bringup.system.system_file import load_system
 from vtff_node.executables import ExecutableNotFoundError, executable_path
+from vtff_node.plain_yaml import format_yaml
 
 NODE = {"package": "vtff_node", "executable": "run_me"}
 
 
 def load(folder, content):
     path = pathlib.Path(folder) / "system.yaml"
-    path.write_text(content if isinstance(content, str) else yaml.safe_dump(content), "utf-8")
+    path.write_text(content if isinstance(content, str) else format_yaml(content), "utf-8")
     return load_system(path, (), RunSettings(run_directory=pathlib.Path(folder)))
 
 
@@ -66,7 +66,7 @@ def test_names_that_no_file_can_have_are_refused(tmp_path, key, name):
     }[key]
     content = {"nodes": [NODE], **content}
     path = tmp_path / "system.yaml"
-    path.write_text(yaml.safe_dump(content))
+    path.write_text(format_yaml(content))
     with pytest.raises(SystemFileError) as caught:
         load_system(path, (), RunSettings(run_directory=tmp_path))
     assert "\n" not in str(caught.value)
@@ -105,8 +105,9 @@ def test_a_node_called_like_a_program_with_a_dot_needs_a_name(tmp_path):
     ("text", "expected"),
     [
         ("nodes: " + "[" * 5000 + "]" * 5000, "nested deeper than"),
-        ("a: &a [*a]", "stands within itself"),
-        ("description: 2001-13-45", "wrong form"),
+        ("a: &a [*a]", r"line 1: .\*a"),
+        ("description: !!timestamp 2001", "line 1: .*tags"),
+        ("a: 1\nb: 2\na: 3", "line 3: .a. is given twice"),
     ],
 )
 def test_deep_and_endless_files_are_one_line(tmp_path, text, expected):
@@ -149,7 +150,7 @@ SYSTEMS = st.fixed_dictionaries(
 def test_any_file_is_a_system_with_plain_names_or_one_line(content, extended):
     with tempfile.TemporaryDirectory() as folder:
         if extended:
-            (pathlib.Path(folder) / "base.yaml").write_text(yaml.safe_dump(content))
+            (pathlib.Path(folder) / "base.yaml").write_text(format_yaml(content))
             content = "extends: base.yaml"
         try:
             system = load(folder, content)

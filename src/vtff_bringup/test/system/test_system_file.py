@@ -5,12 +5,12 @@ from __future__ import annotations
 import pathlib
 
 import pytest
-import yaml
 
 from vtff_bringup.system.description import RunSettings
 from vtff_bringup.system.errors import SystemFileError
 from vtff_bringup.system.overrides import parse_override
 from vtff_bringup.system.system_file import find_system_file, load_system
+from vtff_node.plain_yaml import format_yaml
 
 ROOT = pathlib.Path(__file__).resolve().parents[4]
 REFERENCE = ROOT / "config/system/reference_software.yaml"
@@ -153,7 +153,7 @@ def test_malformed_parameter_files_are_named(tmp_path, settings, text):
 
 def test_scenario_entries_are_looked_up_and_missing_ones_named(tmp_path, settings):
     (tmp_path / "scenario.yaml").write_text(
-        yaml.safe_dump({"spacecraft": [{"name": "deputy", "target": {"x": [1, 2]}}]})
+        format_yaml({"spacecraft": [{"name": "deputy", "target": {"x": [1, 2]}}]})
     )
     template = (
         "arguments: {{scenario: {{default: scenario.yaml, file: true}}}}\n"

@@ -12,8 +12,6 @@ import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
-import yaml
-
 from vtff_analysis.studies.figures import figure_problem
 from vtff_bringup.campaign.campaign_file import Campaign, CampaignError
 from vtff_bringup.campaign.cases import Case
@@ -37,6 +35,7 @@ from vtff_bringup.system.system_file import find_system_file, load_system
 from vtff_bringup.system.yaml_file import read_mapping, resolve_file
 from vtff_node.executables import ExecutableNotFoundError, node_class
 from vtff_node.parameters import ParameterError, check
+from vtff_node.plain_yaml import format_yaml
 from vtff_sim_bridge.gnss.configuration import load_gnss_configuration
 from vtff_sim_bridge.truth.scenario import read_scenario
 from vtff_sim_bridge.truth.scenario_fields import ScenarioError, read_yaml
@@ -462,7 +461,7 @@ def _read_scenario(content: FileContent) -> None:
 def _read_gnss(content: FileContent) -> None:
     with tempfile.TemporaryDirectory() as folder:
         path = pathlib.Path(folder) / content.name
-        path.write_text(yaml.safe_dump(content.fields, sort_keys=False), encoding="utf-8")
+        path.write_text(format_yaml(content.fields), encoding="utf-8")
         try:
             load_gnss_configuration(path)
         except ValueError as error:

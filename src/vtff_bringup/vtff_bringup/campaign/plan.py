@@ -8,9 +8,8 @@ from collections.abc import Mapping, MutableMapping
 from dataclasses import dataclass
 from typing import Any
 
-import yaml
-
 from vtff_bringup.campaign.cases import Case
+from vtff_node.plain_yaml import format_yaml
 
 __all__ = ["FileContent", "FlightPlan", "case_files", "case_overrides", "override", "set_entry"]
 
@@ -114,8 +113,7 @@ def case_overrides(plan: FlightPlan, case: Case) -> list[str]:
 
 def override(key: str, value: Any) -> str:
     """Return ``key:=value`` with the value as YAML on one line, to its last digit."""
-    text = yaml.safe_dump(value, default_flow_style=True, width=2**30)
-    return f"{key}:={text.removesuffix('...' + chr(10)).strip()}"
+    return f"{key}:={format_yaml(value, on_one_line=True)}"
 
 
 def set_entry(fields: Any, path: str, value: Any) -> None:

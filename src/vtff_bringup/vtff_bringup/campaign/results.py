@@ -13,10 +13,10 @@ from typing import Any
 
 import pyarrow as pa
 import pyarrow.parquet as pq
-import yaml
 
 from vtff_bringup.campaign.campaign_file import Campaign, CampaignError
 from vtff_bringup.campaign.cases import Case, case_identity
+from vtff_node.plain_yaml import format_yaml
 
 __all__ = ["FINGERPRINT_FILE", "JOURNAL_FILE", "TABLE_FILE", "Journal", "make_table", "write_table"]
 
@@ -228,7 +228,7 @@ def _input_column(values: Sequence[Any]) -> pa.Array:
         return pa.array([float(value) for value in values], pa.float64())
     if len({type(value) for value in values}) <= 1 and type(values[0]) in (int, bool, str):
         return pa.array(values)
-    texts = [yaml.safe_dump(value, default_flow_style=True).strip() for value in values]
+    texts = [format_yaml(value, on_one_line=True) for value in values]
     return pa.array(texts, pa.string())
 
 

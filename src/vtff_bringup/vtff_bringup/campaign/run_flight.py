@@ -14,10 +14,10 @@ from collections.abc import Iterator
 from typing import Any
 
 import psutil  # type: ignore[import-untyped]
-import yaml
 
 from vtff_bringup.campaign.cases import Case
 from vtff_bringup.campaign.plan import FlightPlan, case_files, case_overrides
+from vtff_node.plain_yaml import format_yaml
 
 __all__ = ["CaseFailedError", "CaseTimeoutError", "end_flights", "fly_run_case"]
 
@@ -54,7 +54,7 @@ def fly_run_case(plan: FlightPlan, case: Case, folder: pathlib.Path) -> dict[str
     overrides = case_overrides(plan, case)
     for argument, file in case_files(plan, case).items():
         path = folder.parent / f"{folder.name}_{argument}.yaml"
-        text = yaml.safe_dump(file.fields, sort_keys=False)
+        text = format_yaml(file.fields)
         path.write_text(f"# Written by vtff campaign from {file.name}.\n{text}", "utf-8")
         overrides.append(f"{argument}:={path}")
     arguments = ["run", plan.system, *overrides, "--seed", str(case.seed), "--out", str(folder)]

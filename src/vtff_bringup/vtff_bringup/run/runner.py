@@ -17,8 +17,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from types import FrameType
 from typing import Any
 
-import yaml
-
 from vtff_bringup.children.processes import FULL_DISK, ManagedProcess, end_together
 from vtff_bringup.children.second_recorder import RecorderGroup
 from vtff_bringup.children.standstill import StandstillWatch
@@ -30,6 +28,7 @@ from vtff_bringup.system.blas_threads import ONE_BLAS_THREAD
 from vtff_bringup.system.description import NodeDescription, SystemDescription
 from vtff_bringup.system.errors import SystemFileError
 from vtff_node.executables import executable_path
+from vtff_node.plain_yaml import format_yaml
 from vtff_node.process.lifeline import LOG_FILE_VARIABLE, Lifelines, Stage
 from vtff_node.process.run_environment import PROGRESS_VARIABLE, RUN_DIRECTORY_VARIABLE
 
@@ -288,7 +287,7 @@ class Runner:
         # ROS cannot read the type of an empty list: it is left out, which means the default.
         values = {key: value for key, value in node.all_parameters().items() if value != []}
         content = {node.qualified_name: {"ros__parameters": values}}
-        path.write_text(yaml.safe_dump(content), encoding="utf-8")
+        path.write_text(format_yaml(content), encoding="utf-8")
         return path
 
     def _pass_on(self, name: str, line: str, noteworthy: bool) -> None:

@@ -6,9 +6,8 @@ import dataclasses
 import pathlib
 from typing import Any
 
-import yaml
-
 from vtff_bringup.system.yaml_file import read_mapping, ros_parameters
+from vtff_node.plain_yaml import format_yaml
 
 __all__ = [
     "HostDescription",
@@ -93,7 +92,7 @@ class NodeDescription:
             arguments += ["--params-file", str(parameter_file)]
         else:
             for key, value in self.parameters.items():
-                arguments += ["-p", f"{key}:={yaml.safe_dump(value, default_flow_style=True)}"]
+                arguments += ["-p", f"{key}:={format_yaml(value, on_one_line=True)}"]
         for source, target in self.remaps.items():
             arguments += ["-r", f"{source}:={target}"]
         return arguments

@@ -6,11 +6,11 @@ import pathlib
 
 import numpy as np
 import pytest
-import yaml
 
 from vtff_dynamics.attitude.orbit_track import OrbitTrack
 from vtff_dynamics.attitude.quaternion import conjugate, multiply, rotation_vector
 from vtff_dynamics.attitude.spacecraft import AttitudePropagator
+from vtff_node.plain_yaml import parse_yaml
 from vtff_sim_bridge.attitude.adcs_module import AdcsCommand
 from vtff_sim_bridge.truth.scenario import Scenario, ScenarioError, read_scenario
 
@@ -19,7 +19,7 @@ SCENARIO = pathlib.Path(__file__).resolve().parents[4] / "config" / "scenario" /
 
 def scenario(**changes: object) -> Scenario:
     """Return the SNAP-1 scenario with fields, named as a__b__c, replaced."""
-    fields = yaml.safe_load(SCENARIO.read_text(encoding="utf-8"))
+    fields = parse_yaml(SCENARIO.read_text(encoding="utf-8"))
     for path, value in changes.items():
         *folders, last = path.split("__")
         place = fields if path in ("epoch", "step", "duration") else fields["spacecraft"][0]

@@ -8,9 +8,9 @@ import types
 
 import numpy as np
 import pytest
-import yaml
 
 from vtff_dynamics.time.timescales import parse_epoch
+from vtff_node.plain_yaml import format_yaml
 from vtff_sim_bridge.atmosphere.irregularity import IrregularityRegion
 from vtff_sim_bridge.gnss.configuration import load_gnss_configuration
 from vtff_sim_bridge.gnss.propagation import Ionosphere
@@ -140,7 +140,7 @@ CONFIGURATION = {
 
 def load(tmp_path, configuration):
     path = tmp_path / "plasma.yaml"
-    path.write_text(yaml.safe_dump(configuration), encoding="utf-8")
+    path.write_text(format_yaml(configuration), encoding="utf-8")
     return load_gnss_configuration(path)
 
 

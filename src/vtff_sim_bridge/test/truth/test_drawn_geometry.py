@@ -4,9 +4,9 @@ import pathlib
 
 import numpy as np
 import pytest
-import yaml
 
 from vtff_dynamics.frames.rtn import relative_state_rtn
+from vtff_node.plain_yaml import parse_yaml
 from vtff_sim_bridge.truth.scenario import Scenario, ScenarioError, read_scenario
 
 REFERENCE = pathlib.Path(__file__).resolve().parents[4] / "config/scenario/reference.yaml"
@@ -14,7 +14,7 @@ REFERENCE = pathlib.Path(__file__).resolve().parents[4] / "config/scenario/refer
 
 def drawn(seed: int | None = None, **draw: object) -> Scenario:
     """Return the reference scenario with a section draw."""
-    fields = yaml.safe_load(REFERENCE.read_text(encoding="utf-8"))
+    fields = parse_yaml(REFERENCE.read_text(encoding="utf-8"))
     if draw:
         fields["draw"] = draw
     return read_scenario(fields, "drawn", seed)

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-import yaml
 
 from vtff_dynamics.frames.earth import rotation_gcrf_to_itrf
 from vtff_dynamics.frames.geodetic import geodetic_from_itrf
@@ -15,6 +14,7 @@ from vtff_dynamics.frames.rtn import relative_state_rtn
 from vtff_dynamics.orbit.elements import ClassicalElements
 from vtff_dynamics.orbit.propagator import ForceModel
 from vtff_dynamics.time.timescales import parse_epoch
+from vtff_node.plain_yaml import format_yaml, parse_yaml
 from vtff_sim_bridge.truth.scenario import ScenarioError, load_scenario, state_ahead_on_orbit
 
 SCENARIOS = Path(__file__).resolve().parents[4] / "config" / "scenario"
@@ -25,13 +25,13 @@ REMOTE_SENSING = SCENARIOS / "remote_sensing.yaml"
 @pytest.fixture
 def fields() -> dict[str, Any]:
     """Fields of the reference scenario, to be spoilt by a test."""
-    return copy.deepcopy(yaml.safe_load(REFERENCE.read_text(encoding="utf-8")))
+    return copy.deepcopy(parse_yaml(REFERENCE.read_text(encoding="utf-8")))
 
 
 def load(fields: dict[str, Any], folder: Path) -> Any:
     """Load a scenario from fields."""
     path = folder / "scenario.yaml"
-    path.write_text(yaml.safe_dump(fields), encoding="utf-8")
+    path.write_text(format_yaml(fields), encoding="utf-8")
     return load_scenario(path)
 
 
@@ -181,7 +181,7 @@ def test_numbers_are_read_as_yaml_1_2_and_forces_by_their_type(
 ) -> None:
     fields["force_model"] = {"drag": "harris_priester", "third_bodies": ["sun"], "mass": 50}
     path = tmp_path / "scenario.yaml"
-    text = yaml.safe_dump(fields).replace("duration: 3600.0", "duration: 36e2")
+    text = format_yaml(fields).replace("duration: 3600.0", "duration: 36e2")
     path.write_text(text, encoding="utf-8")
     scenario = load_scenario(path)
     assert scenario.duration == 3600.0
@@ -289,7 +289,7 @@ def test_what_is_wrong_is_named_with_file_and_field(
     [
         (b"name: [", "not readable as YAML"),
         (b"\xff\xfe\x00", "not readable as YAML"),
-        (b"name: a\nseed: 1\nname: b\n", "line 3: field 'name' is given twice"),
+        (b"name: a\nseed: 1\nname: b\n", "line 3: 'name' is given twice"),
         (b"", "a mapping of fields expected"),
         (b"- 1", "a mapping of fields expected"),
         (b"name: !!python/object:os.system x", "not readable as YAML"),

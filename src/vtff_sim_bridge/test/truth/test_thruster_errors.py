@@ -5,8 +5,8 @@ import pathlib
 
 import numpy as np
 import pytest
-import yaml
 
+from vtff_node.plain_yaml import parse_yaml
 from vtff_sim_bridge.truth.scenario import ScenarioError, read_scenario
 from vtff_sim_bridge.truth.thruster_errors import ThrusterErrorModel, ThrusterErrors
 
@@ -69,7 +69,7 @@ def test_a_thruster_that_rests_gives_nothing() -> None:
 
 def fields(**deputy: object) -> dict:
     """Return the fields of the reference scenario with others for the deputy."""
-    content = yaml.safe_load(REFERENCE.read_text(encoding="utf-8"))
+    content = parse_yaml(REFERENCE.read_text(encoding="utf-8"))
     content["spacecraft"][1].update(deputy)
     return content
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import re
 import types
 import typing
 from collections.abc import Callable
@@ -13,9 +12,9 @@ from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
-import yaml
 
 from vtff_dynamics.vectors import FloatArray
+from vtff_node.parameters import truth_word_hint
 from vtff_node.plain_yaml import PlainYamlError, parse_yaml
 
 DEFAULT_HARD_RADIUS = 10.0
@@ -40,26 +39,6 @@ _YAML_NAMES = {
 """What a type is called to the writer of a file."""
 
 
-class _Loader(yaml.SafeLoader):
-    """Safe YAML without silent surprises: keys are unique, and 1e-4 is a number as in YAML 1.2."""
-
-
-def _unique_mapping(loader: _Loader, node: yaml.MappingNode) -> dict[Any, Any]:
-    keys = [loader.construct_object(key, deep=True) for key, _ in node.value]
-    for index, key in enumerate(keys):
-        if key in keys[:index]:
-            line = node.value[index][0].start_mark.line + 1
-            raise yaml.YAMLError(f"line {line}: field {key!r} is given twice")
-    fields: dict[Any, Any] = loader.construct_mapping(node, deep=True)
-    return fields
-
-
-_Loader.add_constructor(yaml.resolver.BaseResolver.DEFAULT_MAPPING_TAG, _unique_mapping)
-_Loader.add_implicit_resolver(
-    "tag:yaml.org,2002:float", re.compile(r"[-+]?\d+(\.\d*)?[eE][-+]?\d+$"), list("-+0123456789")
-)
-
-
 def read_yaml(path: Path) -> Any:
     """Return what a YAML file holds.
 
@@ -69,13 +48,11 @@ def read_yaml(path: Path) -> Any:
         If the file cannot be read, is not YAML, or gives a field twice.
     """
     try:
-        return parse_yaml(path.read_text(encoding="utf-8"), _Loader)
+        return parse_yaml(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise ScenarioError(f"{path}: {error.strerror or error}") from None
     except (UnicodeDecodeError, PlainYamlError) as error:
-        raise ScenarioError(
-            f"{path}: not readable as YAML: {' '.join(str(error).split())}"
-        ) from None
+        raise ScenarioError(f"{path}: not readable as YAML: {error}") from None
 
 
 class Section:
@@ -200,7 +177,8 @@ class Section:
         if type(value) in accepted and tuple not in accepted:
             return value
         names = " or ".join(_YAML_NAMES.get(kind, kind.__name__) for kind in accepted)
-        raise self.error(name, f"{names} expected, got {value!r}")
+        hint = truth_word_hint(value) if bool in accepted else ""
+        raise self.error(name, f"{names} expected, got {value!r}{hint}")
 
     def make_dataclass(self, kind: type[_Group], base: _Group | None = None) -> _Group:
         """Return a dataclass of plain fields from this section, which is then finished.
