@@ -38,6 +38,7 @@ from vtff_node.plugins.groups import CONTROLLERS
 from vtff_node.plugins.loading import PluginError, plugin_names
 from vtff_node.stamps import StampOrder, to_nanoseconds
 
+SMALLEST_WEIGHT = 1e-12  # the Riccati equation needs positive weights
 GUIDANCE_WAIT = 0.3  # s of wall time, outside lockstep
 REFUSED = ControlResult(np.zeros(3), False, False)
 
@@ -46,13 +47,13 @@ def describe_weight(name: str) -> str:
     """Return the description of a weight of the cost, with the default of each design."""
     defaults = ", ".join(f"{d} {getattr(w, name):g}" for d, w in DEFAULT_WEIGHTS.items())
     quantity = "command" if name == "control" else f"{name} error"
-    return f"weight of the {quantity} in the cost, 0 = default of the design ({defaults})"
+    return f"weight of the {quantity} in the cost; without it that of the design ({defaults})"
 
 
 def describe_option(name: str, meaning: str) -> str:
     """Return the description of an option of the designs, with those that have it."""
     defaults = (f"{d} {getattr(o, name):g}" for d, o in DEFAULT_OPTIONS.items() if getattr(o, name))
-    return f"{meaning}, 0 = default of the design ({', '.join(defaults)}; others without)"
+    return f"{meaning}; without it that of the design ({', '.join(defaults)}; others 0)"
 
 
 @dataclass(frozen=True)
@@ -77,11 +78,15 @@ class SdreControllerParameters:
     acceleration_cap: float = parameter(
         SdreDesign.acceleration_cap, "largest command on each axis", unit="m/s^2", minimum=1e-9
     )
-    position_weight: float = parameter(0.0, describe_weight("position"), unit="1/m^2", minimum=0.0)
-    velocity_weight: float = parameter(
-        0.0, describe_weight("velocity"), unit="s^2/m^2", minimum=0.0
+    position_weight: float | None = parameter(
+        None, describe_weight("position"), unit="1/m^2", minimum=SMALLEST_WEIGHT
     )
-    control_weight: float = parameter(0.0, describe_weight("control"), unit="s^4/m^2", minimum=0.0)
+    velocity_weight: float | None = parameter(
+        None, describe_weight("velocity"), unit="s^2/m^2", minimum=SMALLEST_WEIGHT
+    )
+    control_weight: float | None = parameter(
+        None, describe_weight("control"), unit="s^4/m^2", minimum=SMALLEST_WEIGHT
+    )
     sample_time: float = parameter(
         SdreDesign.sample_time, "interval between states", unit="s", minimum=0.001
     )
@@ -97,20 +102,20 @@ class SdreControllerParameters:
     target_velocity_rtn: list[float] = parameter(
         [0.0, 0.0, 0.0], "wanted velocity in the rotating frame", unit="m/s"
     )
-    tolerated_deviation: float = parameter(
-        0.0,
+    tolerated_deviation: float | None = parameter(
+        None,
         describe_option("tolerated_deviation", "deviation tolerated with perfect navigation"),
         unit="m",
         minimum=0.0,
     )
-    braking_share: float = parameter(
-        0.0,
+    braking_share: float | None = parameter(
+        None,
         describe_option("braking_share", "share of the cap with which a far target is approached"),
         minimum=0.0,
         maximum=1.0,
     )
-    quantum: float = parameter(
-        0.0,
+    quantum: float | None = parameter(
+        None,
         describe_option("quantum", "smallest change of the thruster's acceleration"),
         unit="m/s^2",
         minimum=0.0,
@@ -175,12 +180,12 @@ class SdreControllerNode(VtffNode):
                 acceleration_cap=given.acceleration_cap,
                 feedforward=given.feedforward,
                 feedforward_gravity=given.feedforward_gravity,
-                position_weight=given.position_weight or None,
-                velocity_weight=given.velocity_weight or None,
-                control_weight=given.control_weight or None,
-                tolerated_deviation=given.tolerated_deviation or None,
-                braking_share=given.braking_share or None,
-                quantum=given.quantum or None,
+                position_weight=given.position_weight,
+                velocity_weight=given.velocity_weight,
+                control_weight=given.control_weight,
+                tolerated_deviation=given.tolerated_deviation,
+                braking_share=given.braking_share,
+                quantum=given.quantum,
                 maximum_sigma=given.maximum_sigma,
                 maximum_sigma_ratio=given.maximum_sigma_ratio,
             ),

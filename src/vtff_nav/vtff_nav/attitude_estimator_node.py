@@ -70,9 +70,9 @@ class AttitudeEstimatorParameters:
     magnetometer_range: float = parameter(
         _WATCH.largest_field, "a sample there is saturated", unit="T", minimum=1e-9
     )
-    initial_rotation_sigma_deg: float = parameter(
-        0.0,
-        "sigma of an attitude at the first report that others tell; 0: it is not known",
+    initial_rotation_sigma_deg: float | None = parameter(
+        None,
+        "sigma of a known attitude at the first report; without it the attitude is not known",
         unit="deg",
         minimum=0.0,
     )
@@ -173,7 +173,9 @@ class AttitudeEstimatorNode(VtffNode):
             configuration = AttitudeFilterConfiguration(
                 magnetometer_sigma=given.magnetometer_sigma,
                 initial_rotation_sigma_deg=(
-                    given.initial_rotation_sigma_deg or _FILTER.initial_rotation_sigma_deg
+                    _FILTER.initial_rotation_sigma_deg
+                    if given.initial_rotation_sigma_deg is None
+                    else given.initial_rotation_sigma_deg
                 ),
                 initial_rate_sigma=given.initial_rate_sigma,
                 initial_dipole=given.initial_dipole,
@@ -212,7 +214,7 @@ class AttitudeEstimatorNode(VtffNode):
         self._waiting: list[AdcsReport] = []
         if len(given.initial_roll_pitch_yaw_deg) != 3:
             raise ParameterError("parameter 'initial_roll_pitch_yaw_deg': three angles expected")
-        self._is_told = given.initial_rotation_sigma_deg > 0.0
+        self._is_told = given.initial_rotation_sigma_deg is not None
         self._known: OnboardAttitude | None = None
         self._was_valid = False
         self._counts = {"reports": 0, "without a report": 0, "orbits predicted": 0}

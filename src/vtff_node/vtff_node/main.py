@@ -246,6 +246,8 @@ def _table_lines(table: type) -> list[str]:
     for field in parameters.fields_in_order(table):
         is_required = parameters.metadata_of(field)["required"]
         default = "required" if is_required else parameters.default_of(field)
+        if default is None:
+            default = "not given"
         if default == "":
             default = '""'  # an empty text shows
         lines.append(f"  {field.name:28} {parameters.describe(field)}; default: {default}")

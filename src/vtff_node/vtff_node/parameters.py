@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import dataclasses
 import difflib
+import math
 import sys
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, TypeVar
@@ -65,7 +66,8 @@ def parameter(
     Parameters
     ----------
     default
-        Value when the user gives none, or `REQUIRED`.
+        Value when the user gives none, or `REQUIRED`. A parameter that may be absent has the type
+        ``float | None`` and the default None: no number stands for "not given".
     description
         One line for ``ros2 param describe`` and the documentation.
     unit
@@ -172,7 +174,9 @@ def check(name: str, field: dataclasses.Field[Any], value: Any) -> None:
     for item in value if isinstance(value, (list, tuple)) else (value,):
         if isinstance(item, bool) or not isinstance(item, (int, float)):
             continue
-        if item != item or (minimum is not None and item < minimum):
+        if not math.isfinite(item):
+            raise ParameterError(f"parameter '{name}' is {item}; it must be a finite number")
+        if minimum is not None and item < minimum:
             raise ParameterError(f"parameter '{name}' is {item}; it must be at least {minimum}")
         if maximum is not None and item > maximum:
             raise ParameterError(f"parameter '{name}' is {item}; it must be at most {maximum}")
@@ -315,7 +319,7 @@ def _declare_field(node: Any, field: dataclasses.Field[Any]) -> Any:
             last = LARGEST_INTEGER if maximum is None else int(maximum)
             descriptor.integer_range = [IntegerRange(from_value=first, to_value=last, step=1)]
     default = default_of(field)
-    if numbers and default is None:
+    if numbers and default in (None, []):
         declared = node.declare_parameter(field.name, None, descriptor)
     elif default is None or default == []:
         # rclpy cannot tell the type of an empty list; declaring by type leaves it unset.
@@ -329,8 +333,10 @@ def _declare_field(node: Any, field: dataclasses.Field[Any]) -> Any:
 
 
 def _type_name(field: dataclasses.Field[Any]) -> str:
+    """Return the type of a value that is given: ``float`` for ``float | None``."""
     # Postponed annotations are text; those of a plug-in's table may be types.
-    return field.type.__name__ if field.type in (bool, int, float, str) else str(field.type)  # type: ignore[union-attr]
+    name = field.type.__name__ if field.type in (bool, int, float, str) else str(field.type)  # type: ignore[union-attr]
+    return name.removesuffix(" | None")
 
 
 def _converted_numbers(name: str, value: Any, many: bool) -> Any:

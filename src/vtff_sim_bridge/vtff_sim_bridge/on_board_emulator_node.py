@@ -59,7 +59,7 @@ class OnBoardEmulatorParameters:
         RangeSensor.misalignment_time, "its correlation time", unit="s", minimum=1e-3
     )
     outage: list[float] = parameter(
-        [math.inf, math.inf], "start and end of a failure of the sensor after the start", unit="s"
+        [], "start and end of a failure of the sensor after the start; empty for none", unit="s"
     )
     emulates_fix: bool = parameter(True, "publish gnss/fix too, where no receiver does")
     fix_position_sigma: float = parameter(
@@ -77,8 +77,8 @@ class OnBoardEmulatorParameters:
 
     def __post_init__(self) -> None:
         """Check the length of the list."""
-        if len(self.outage) != 2:
-            raise ValueError("parameter 'outage' needs two numbers (start, end)")
+        if len(self.outage) not in (0, 2):
+            raise ValueError("parameter 'outage' needs two numbers (start, end) or none")
 
 
 class OnBoardEmulatorNode(VtffNode):
@@ -107,8 +107,9 @@ class OnBoardEmulatorNode(VtffNode):
             for field in dataclasses.fields(RangeSensor)
             if field.name != "outage"
         }
-        begin, end = given.outage
-        sensor = RangeSensor(**values, outage=(begin, end))
+        if given.outage:
+            values["outage"] = tuple(given.outage)
+        sensor = RangeSensor(**values)
         errors = FixErrors(
             given.fix_position_sigma, given.fix_correlation_time, given.fix_velocity_sigma
         )

@@ -53,7 +53,9 @@ class SimgenBridgeParameters(StepSourceParameters):
     """Parameters of `simgen_bridge`."""
 
     scenario_file: str = parameter(REQUIRED, "scenario: orbits, epoch, force model, target")
-    duration: float = parameter(0.0, "length of the run, 0 = as the scenario says", unit="s")
+    duration: float | None = parameter(
+        None, "length of the run; without it as the scenario says", unit="s"
+    )
     seed: int = parameter(-1, "seed of the run, -1 = as the scenario says")
     integrator: str = parameter(
         "scenario", "integrator of the truth", choices=("scenario", "rk4", "euler")
@@ -680,7 +682,7 @@ def _scenario_in_force(given: SimgenBridgeParameters) -> Scenario:
     except ScenarioError as error:
         raise ParameterError(str(error)) from error
     changes: dict[str, Any] = {}
-    if given.duration > 0.0:
+    if given.duration is not None:
         changes["duration"] = given.duration
     if given.integrator != "scenario":
         changes["integrator"] = given.integrator

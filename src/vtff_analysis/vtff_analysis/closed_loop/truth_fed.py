@@ -22,11 +22,6 @@ __all__ = ["summarise_truth_fed"]
 LONGEST = 1800.0
 """Longest time that a twin flies, s: a run of a day shall not wait for its twin."""
 
-_ZERO_IS_DEFAULT = (
-    *("position_weight", "velocity_weight", "control_weight"),
-    *("tolerated_deviation", "braking_share", "quantum"),
-)
-
 
 def summarise_truth_fed(
     described: RunDescription, deputy: str, seed: int | None, duration: float
@@ -99,6 +94,4 @@ def _design(controller: Mapping[str, Any], sample_time: float) -> SdreDesign:
     """Return the design that the node made of its parameters."""
     names = {field.name for field in dataclasses.fields(SdreDesign)} - {"sample_time"}
     values = {name: value for name, value in controller.items() if name in names}
-    for name in _ZERO_IS_DEFAULT:
-        values[name] = values.get(name) or None  # 0 stands for the default of the design
     return SdreDesign(**values, sample_time=sample_time)

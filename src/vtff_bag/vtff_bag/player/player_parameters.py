@@ -44,8 +44,8 @@ class BagPlayerParameters(StepSourceParameters):
         0.5, "pacing wall: time for readers to find the topics", unit="s", minimum=0.0
     )
     step_topic: str = parameter(CLOCK_TOPIC, "pacing steps: topic whose stamps are the steps")
-    duration: float = parameter(
-        0.0, "pacing steps: recorded time to replay, 0 = all", unit="s", minimum=0.0
+    duration: float | None = parameter(
+        None, "pacing steps: recorded time to replay; without it all", unit="s", minimum=0.0
     )
     stands_for: list[str] = parameter(
         [],

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Iterator, Sequence
 
@@ -146,7 +147,8 @@ class StepReplay:
         )
 
     def _read_steps(self, selection: ReplaySelection) -> Iterator[ReplayStep]:
-        limit = self._parameters.duration or float("inf")
+        wanted = self._parameters.duration
+        limit = math.inf if wanted is None else wanted
         step_topic = self._parameters.step_topic
         for step in replay_steps(self._reader, list(selection.topics), step_topic):
             if (step.stamp - self._first_stamp) / NANOSECONDS_PER_SECOND > limit:
@@ -190,7 +192,7 @@ class StepReplay:
         """Return the recorded time of the replay, s."""
         whole = (self._last_stamp - self._first_stamp) / NANOSECONDS_PER_SECOND
         wanted = self._parameters.duration
-        return min(whole, wanted) if wanted else whole
+        return whole if wanted is None else min(whole, wanted)
 
     def _advance(self) -> None:
         if self._is_running:

@@ -24,11 +24,6 @@ CONTROLLER_PARAMETERS = tuple(
 THRUSTER_PARAMETERS = ("acceleration_cap", "quantum", "delay_steps")
 """Parameters of thruster_model that the closed loop uses."""
 
-_ZERO_IS_DEFAULT = (
-    *("position_weight", "velocity_weight", "control_weight"),
-    *("tolerated_deviation", "braking_share", "quantum"),
-)
-
 
 def fly_library_case(plan: FlightPlan, case: Case) -> dict[str, Any]:
     """Fly a case and return its figures by name, as docs/summary.md describes them.
@@ -44,8 +39,6 @@ def fly_library_case(plan: FlightPlan, case: Case) -> dict[str, Any]:
     if plan.duration is not None:
         scenario = dataclasses.replace(scenario, duration=plan.duration)
     controller = _parameters(plan.controller, CONTROLLER_PARAMETERS, plan.controller_name, case)
-    for name in _ZERO_IS_DEFAULT:
-        controller[name] = controller[name] or None  # 0 stands for the default of the design
     result = simulate_closed_loop(
         scenario,
         SdreDesign(sample_time=scenario.step, **controller),

@@ -86,6 +86,16 @@ def test_out_of_bounds_it_brakes_and_says_so(make_node: NodeMaker) -> None:
     assert node.health()[0].level == diagnostics.OK
 
 
+def test_an_option_that_is_switched_off_is_off(make_node: NodeMaker) -> None:
+    shipped = SdreDesign("navigation_aware").options
+    node, _ = make_node(design="navigation_aware", braking_share=0.0, quantum=0.0)
+    assert node._controller.design.options == shipped._replace(braking_share=0.0, quantum=0.0)
+    node, _ = make_node(design="navigation_aware", tolerated_deviation=0.0)
+    assert node._controller.design.options == shipped._replace(tolerated_deviation=0.0)
+    node, _ = make_node(design="navigation_aware")
+    assert node._controller.design.options == shipped
+
+
 def test_the_covariance_of_the_truth_does_not_count(make_node: NodeMaker) -> None:
     node, commands = make_node()
     node._on_relative_state(state(0, RelativeState.SOLUTION_TRUTH, 1e9))
