@@ -16,7 +16,7 @@ from vtff_dynamics.vectors import FloatArray
 from vtff_gnss.signals import SignalKey
 from vtff_nav.relative.cdgps.state import GaussianState
 from vtff_nav.relative.common.measurements import SingleDifferences
-from vtff_nav.relative.common.signal_set import SignalSet, place_of, read_only, with_places
+from vtff_nav.relative.common.signal_set import SignalPlaces, SignalSet, read_only, with_places
 from vtff_nav.relative.common.solution import AMBIGUITY_FLOAT, AMBIGUITY_HELD
 from vtff_nav.relative.kernels.arcs import find_arc_breaks, record_arcs
 
@@ -148,6 +148,7 @@ class ArcBook:
         # Columns by place: whether there is an arc, its last epoch (GPS, ns), its phase (m) and
         # variance (m2) then, the lock times of chief and deputy (s), `half_cycles` and
         # `is_parity_known` of `SingleDifferences`, and the number of its epochs.
+        self._places = SignalPlaces()
         self._is_open = np.zeros(0, dtype=bool)
         self._times = np.zeros(0, dtype=np.int64)
         self._numbers = np.zeros((4, 0))
@@ -165,26 +166,27 @@ class ArcBook:
         """Return the arc of a signal."""
         return self.arcs[key]
 
-    def _make_room(self, signals: SignalSet) -> None:
-        """Have the places of signals in all columns."""
-        if signals.largest_place < len(self._is_open):
-            return
-        self._is_open = with_places(self._is_open, signals)
-        self._times = with_places(self._times, signals)
-        self._numbers = with_places(self._numbers, signals)
-        self._half_cycles = with_places(self._half_cycles, signals)
-        self._is_parity_known = with_places(self._is_parity_known, signals)
-        self._epochs = with_places(self._epochs, signals)
+    def _places_of(self, signals: SignalSet) -> npt.NDArray[np.int64]:
+        """Return the place of each signal, shape (n,), which all columns have."""
+        places = self._places.of(signals)
+        if len(self._places) > len(self._is_open):
+            self._is_open = with_places(self._is_open, self._places)
+            self._times = with_places(self._times, self._places)
+            self._numbers = with_places(self._numbers, self._places)
+            self._half_cycles = with_places(self._half_cycles, self._places)
+            self._is_parity_known = with_places(self._is_parity_known, self._places)
+            self._epochs = with_places(self._epochs, self._places)
+        return places
 
     def are_open(self, signals: SignalSet) -> npt.NDArray[np.bool_]:
         """Return whether there is an arc of each signal, shape (n,)."""
-        self._make_room(signals)
-        return self._is_open[signals.places]
+        places = self._places_of(signals)  # before the columns, which may grow
+        return self._is_open[places]
 
     def epochs(self, signals: SignalSet) -> npt.NDArray[np.int64]:
         """Return the number of epochs with a measurement in the arc of each signal, shape (n,)."""
-        self._make_room(signals)
-        return self._epochs[signals.places]
+        places = self._places_of(signals)
+        return self._epochs[places]
 
     def find_breaks(
         self, time: GpsTime, measured: SingleDifferences, interval: float
@@ -200,9 +202,8 @@ class ArcBook:
             Time since the last epoch, s.
         """
         signals = measured.keys
-        self._make_room(signals)
         numbers, arcs, breaks = find_arc_breaks(
-            signals.places,
+            self._places_of(signals),
             time.nanoseconds,
             interval,
             measured.satellite,
@@ -227,7 +228,7 @@ class ArcBook:
                         reasons[key] = ARC_BREAKS[number]
         if len(self.arcs) > arcs:
             for key in self.arcs:
-                last = int(self._times[place_of(key)])
+                last = int(self._times[self._places[key]])
                 absence = (time.nanoseconds - last) / NANOSECONDS_PER_SECOND
                 if key not in signals.rows and absence > self._longest_gap:
                     reasons[key] = "not seen any more"
@@ -249,11 +250,10 @@ class ArcBook:
         """
         key = measured.keys[row]
         self._count += 1
-        self._make_room(measured.keys)
         phase = measured.phase.item(row)
         wavelength = measured.wavelength.item(row)
         arc = Arc(key, self._count, float(round((phase - expected_phase) / wavelength)))
-        place = place_of(key)
+        place = self._places_of(measured.keys).item(row)
         self._is_open[place], self._times[place] = True, time.nanoseconds
         self._numbers[:2, place] = phase, measured.phase_variance[row]
         self._numbers[2:, place] = measured.lock_time[:, row]
@@ -267,14 +267,13 @@ class ArcBook:
     def end(self, key: SignalKey) -> None:
         """Forget an arc."""
         if self.arcs.pop(key, None) is not None:
-            self._is_open[place_of(key)] = False
+            self._is_open[self._places[key]] = False
             self._changes += 1
 
     def record(self, time: GpsTime, measured: SingleDifferences) -> None:
         """Keep the measurements of an epoch, against which the next epoch is tested."""
-        self._make_room(measured.keys)
         record_arcs(
-            measured.keys.places,
+            self._places_of(measured.keys),
             time.nanoseconds,
             measured.phase,
             measured.phase_variance,
@@ -301,7 +300,7 @@ class ArcBook:
         half_cycles : int
             As in `SingleDifferences`, of the deputy alone.
         """
-        place = place_of(key)
+        place = self._places[key]
         last = self._half_cycles.item(place) & 2
         return lock_time_deputy >= self._numbers.item(3, place) and half_cycles == last
 

@@ -30,7 +30,7 @@ from vtff_gnss.signals import SignalKey
 from vtff_nav.relative.cdgps.state import Innovation
 from vtff_nav.relative.common.columns import with_columns
 from vtff_nav.relative.common.measurements import SingleDifferences
-from vtff_nav.relative.common.signal_set import SignalSet, place_of, with_places
+from vtff_nav.relative.common.signal_set import SignalPlaces, SignalSet, with_places
 from vtff_nav.relative.kernels.phases import MEMORY_EPOCHS, forget_scatter, learn_scatter
 
 __all__ = ["SLIP_CYCLES", "PhaseScatter", "SlipRate", "epochs_to_average"]
@@ -59,8 +59,9 @@ class PhaseScatter:
 
     def __init__(self, is_orbital: bool = False) -> None:
         self._is_orbital = is_orbital
+        self._places = SignalPlaces()
         # Places of the signals that are known, in the order in which they were first seen.
-        self._places = np.zeros(0, dtype=np.int64)
+        self._known_places = np.zeros(0, dtype=np.int64)
         # By place: see `learn_scatter`.
         self._seen_times = np.full(0, -1, dtype=np.int64)
         self._known_times = np.full(0, -1, dtype=np.int64)
@@ -70,13 +71,14 @@ class PhaseScatter:
         # Without scintillation no signal has an excess.
         self._has_excess = False
 
-    def _make_room(self, signals: SignalSet) -> None:
-        """Have the places of signals in all columns."""
-        if signals.largest_place < len(self._seen_times):
-            return
-        self._seen_times = with_places(self._seen_times, signals, -1)
-        self._known_times = with_places(self._known_times, signals, -1)
-        self._numbers = with_places(self._numbers, signals)
+    def _places_of(self, signals: SignalSet) -> npt.NDArray[np.int64]:
+        """Return the place of each signal, shape (n,), which all columns have."""
+        places = self._places.of(signals)
+        if len(self._places) > len(self._seen_times):
+            self._seen_times = with_places(self._seen_times, self._places, -1)
+            self._known_times = with_places(self._known_times, self._places, -1)
+            self._numbers = with_places(self._numbers, self._places)
+        return places
 
     @property
     def is_common(self) -> bool:
@@ -95,15 +97,14 @@ class PhaseScatter:
 
     def variance(self, key: SignalKey) -> float:
         """Return the excess variance of the single-differenced phase of a signal, m2."""
-        place = place_of(key)
-        return self._numbers.item(0, place) if place < self._numbers.shape[1] else 0.0
+        return self._numbers.item(0, self._places[key]) if key in self._places else 0.0
 
     def variances(self, measured: SingleDifferences) -> FloatArray:
         """Return the excess variances of all phases, m2, shape (n,)."""
         if not self._has_excess:
             return np.zeros(len(measured))
-        self._make_room(measured.keys)
-        variances: FloatArray = self._numbers[0, measured.keys.places]
+        places = self._places_of(measured.keys)  # before the column, which may grow
+        variances: FloatArray = self._numbers[0, places]
         return variances
 
     def is_scattered(self, measured: SingleDifferences) -> npt.NDArray[np.bool_]:
@@ -145,7 +146,7 @@ class PhaseScatter:
             Ambiguities that were estimated from their phases are less certain by it.
         """
         signals = stated.keys
-        self._make_room(signals)
+        places = self._places_of(signals)
         residual, variance = innovation.leave_one_out
         if self._unseen > 0.0:
             phases = slice(len(stated), 2 * len(stated))
@@ -153,7 +154,7 @@ class PhaseScatter:
             is_precise &= innovation.is_used[phases]
             self._follow_unseen(stated, residual[phases], variance[phases], ~is_precise)
         missing, new = learn_scatter(
-            signals.places,
+            places,
             time.nanoseconds,
             residual,
             variance,
@@ -168,21 +169,21 @@ class PhaseScatter:
             self._numbers,
         )
         if new:
-            self._places = np.append(
-                self._places, signals.places[~np.isin(signals.places, self._places)]
-            )
+            is_new = ~np.isin(places, self._known_places)
+            self._known_places = np.append(self._known_places, places[is_new])
         forgotten, self._has_excess = forget_scatter(
-            self._places, time.nanoseconds, _LONGEST_ABSENCE, self._seen_times, self._numbers
+            self._known_places, time.nanoseconds, _LONGEST_ABSENCE, self._seen_times, self._numbers
         )
         if forgotten:
-            self._places = self._places[self._seen_times[self._places] >= 0]
+            self._known_places = self._known_places[self._seen_times[self._known_places] >= 0]
         if self._is_orbital and (self._has_excess or self._unseen > 0.0):
             self._expect_unseen(time)
         return {key: value for key, value in zip(signals, missing.tolist(), strict=True) if value}
 
     def _expect_unseen(self, time: GpsTime) -> None:
         """Set the excess of signals whose own cannot be seen to the mean of the others."""
-        known_times, variances = self._known_times[self._places], self._numbers[0, self._places]
+        places = self._known_places
+        known_times, variances = self._known_times[places], self._numbers[0, places]
         known = [
             variance
             for last, variance in zip(known_times.tolist(), variances.tolist(), strict=True)
@@ -210,7 +211,7 @@ class PhaseScatter:
         mean_square = float(np.mean(residual[is_sample] ** 2 / variance[is_sample]))
         factor = 1.0 + min(mean_square - 1.0, 1.0) / MEMORY_EPOCHS
         self._unseen *= factor
-        self._numbers[0, stated.keys.places[is_sample]] *= factor
+        self._numbers[0, self._places_of(stated.keys)[is_sample]] *= factor
 
 
 class SlipRate:

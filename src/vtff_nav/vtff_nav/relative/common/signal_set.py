@@ -10,18 +10,10 @@ import numpy.typing as npt
 
 from vtff_gnss.signals import SignalKey
 
-__all__ = ["SignalSet", "place_of", "read_only", "with_places"]
+__all__ = ["SignalPlaces", "SignalSet", "read_only", "with_places"]
 
 _SETS_KEPT = 16
 Number = TypeVar("Number", bound=np.generic)
-
-#: Places that were given to signals in this process. There are some hundred signals at most.
-_places: dict[SignalKey, int] = {}
-
-
-def place_of(key: SignalKey) -> int:
-    """Return the place of a signal in columns that are kept from epoch to epoch."""
-    return _places.setdefault(key, len(_places))
 
 
 class SignalSet(tuple[SignalKey, ...]):
@@ -30,16 +22,6 @@ class SignalSet(tuple[SignalKey, ...]):
     Everything else is computed once: while a receiver tracks the same signals, the set is the same
     object.
     """
-
-    @functools.cached_property
-    def places(self) -> npt.NDArray[np.int64]:
-        """Place of each signal in columns that are kept from epoch to epoch, shape (n,)."""
-        return np.array([place_of(key) for key in self], dtype=np.int64)
-
-    @functools.cached_property
-    def largest_place(self) -> int:
-        """Largest of the places; -1 without signals."""
-        return int(self.places.max(initial=-1))
 
     @functools.cached_property
     def rows(self) -> dict[SignalKey, int]:
@@ -99,6 +81,41 @@ class SignalSet(tuple[SignalKey, ...]):
         return selected
 
 
+class SignalPlaces:
+    """Places of signals in the columns that one owner keeps from epoch to epoch.
+
+    A signal has a place from the moment at which its owner first asks for it.
+    """
+
+    def __init__(self) -> None:
+        self._places: dict[SignalKey, int] = {}
+        self._of_sets: dict[int, tuple[SignalSet, npt.NDArray[np.int64]]] = {}  # by identity
+
+    def __len__(self) -> int:
+        """Return the number of places."""
+        return len(self._places)
+
+    def __getitem__(self, key: SignalKey) -> int:
+        """Return the place of a signal that has one."""
+        return self._places[key]
+
+    def __contains__(self, key: SignalKey) -> bool:
+        """Return whether a signal has a place."""
+        return key in self._places
+
+    def of(self, signals: SignalSet) -> npt.NDArray[np.int64]:
+        """Return the place of each signal, shape (n,); signals without one get it."""
+        known = self._of_sets.get(id(signals))
+        if known is not None:
+            return known[1]
+        rows = [self._places.setdefault(key, len(self._places)) for key in signals]
+        places = read_only(np.array(rows, dtype=np.int64))
+        if len(self._of_sets) >= _SETS_KEPT:
+            self._of_sets.clear()
+        self._of_sets[id(signals)] = signals, places
+        return places
+
+
 def read_only(column: npt.NDArray[Number]) -> npt.NDArray[Number]:
     """Return a column that is shared by many epochs, after nothing can be written to it."""
     column.flags.writeable = False
@@ -106,19 +123,19 @@ def read_only(column: npt.NDArray[Number]) -> npt.NDArray[Number]:
 
 
 def with_places(
-    column: npt.NDArray[Number], signals: SignalSet, value: float = 0
+    column: npt.NDArray[Number], places: SignalPlaces, value: float = 0
 ) -> npt.NDArray[Number]:
-    """Return a column, shape (..., places), that has the places of all signals of a set.
+    """Return a column, shape (..., m), that has all places.
 
     Parameters
     ----------
-    column : ndarray, shape (..., m)
-        Values by `SignalSet.places`; it is returned as it is, if it is long enough.
-    signals : SignalSet
+    column : ndarray
+        Values by place; it is returned as it is, if it is long enough.
+    places : SignalPlaces
     value : float
         Number that new places hold.
     """
-    missing = signals.largest_place + 1 - column.shape[-1]
+    missing = len(places) - column.shape[-1]
     if missing <= 0:
         return column
     # Some more, so that columns hardly ever grow.

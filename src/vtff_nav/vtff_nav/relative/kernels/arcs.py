@@ -1,6 +1,6 @@
 """Tests of the phases of an epoch against those of the last one, compiled.
 
-Columns of arcs are by `SignalSet.places`. A loop over the signals in Python costs fifty times what
+Columns of arcs are by `SignalPlaces.of`. A loop over the signals in Python costs fifty times what
 its arithmetic does.
 """
 

@@ -154,7 +154,7 @@ def count_codes(  # type: ignore[no-untyped-def]
     Parameters
     ----------
     places : ndarray of int, shape (n,)
-        See `SignalSet.places`.
+        See `SignalPlaces.of`.
     time : int
         Epoch, GPS, ns.
     longest_absence : float
@@ -287,7 +287,7 @@ def collect_residuals(  # type: ignore[no-untyped-def]
     Parameters
     ----------
     places : ndarray of int, shape (n,)
-        See `SignalSet.places`.
+        See `SignalPlaces.of`.
     time, last_time : int
         This epoch and the last one of these, GPS, ns; -1 before the first one.
     longest_gap : float

@@ -39,7 +39,7 @@ def learn_scatter(  # type: ignore[no-untyped-def]
     Parameters
     ----------
     places : ndarray of int, shape (n,)
-        See `SignalSet.places`.
+        See `SignalPlaces.of`.
     time : int
         Epoch, GPS, ns.
     residual, variance, noise : ndarray, shape (2 n or more,)

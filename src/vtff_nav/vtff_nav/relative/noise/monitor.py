@@ -11,7 +11,7 @@ from vtff_dynamics.time.timescales import GpsTime
 from vtff_dynamics.vectors import FloatArray
 from vtff_nav.relative.common.columns import are_all, with_columns
 from vtff_nav.relative.common.measurements import SingleDifferences
-from vtff_nav.relative.common.signal_set import SignalSet, with_places
+from vtff_nav.relative.common.signal_set import SignalPlaces, SignalSet, with_places
 from vtff_nav.relative.kernels.noise import collect_residuals, count_codes
 from vtff_nav.relative.noise.components import (
     NoiseComponents,
@@ -104,20 +104,22 @@ class NoiseMonitor:
         )
         # By place: last epoch of a code and number of its epochs; last epoch from which noise was
         # learnt (GPS, ns; -1 before), and the levels of code and phase at it, m.
+        self._places = SignalPlaces()
         self._code_times = np.full(0, -1, dtype=np.int64)
         self._code_counts = np.zeros(0, dtype=np.int64)
         self._level_times = np.full(0, -1, dtype=np.int64)
         self._levels = np.zeros((2, 0))
         self._last_time = -1
 
-    def _make_room(self, signals: SignalSet) -> None:
-        """Have the places of signals in all columns."""
-        if signals.largest_place < len(self._code_times):
-            return
-        self._code_times = with_places(self._code_times, signals, -1)
-        self._code_counts = with_places(self._code_counts, signals)
-        self._level_times = with_places(self._level_times, signals, -1)
-        self._levels = with_places(self._levels, signals)
+    def _places_of(self, signals: SignalSet) -> npt.NDArray[np.int64]:
+        """Return the place of each signal, shape (n,), which all columns have."""
+        places = self._places.of(signals)
+        if len(self._places) > len(self._code_times):
+            self._code_times = with_places(self._code_times, self._places, -1)
+            self._code_counts = with_places(self._code_counts, self._places)
+            self._level_times = with_places(self._level_times, self._places, -1)
+            self._levels = with_places(self._levels, self._places)
+        return places
 
     def weigh(
         self, time: GpsTime, interval: float, measured: SingleDifferences
@@ -127,9 +129,8 @@ class NoiseMonitor:
         Codes have slow errors as part of their variances; those of the phases are states.
         """
         # The components are those of a signal whose noise has not grown.
-        self._make_room(measured.keys)
         (power, white, phase_variance), epochs = count_codes(
-            measured.keys.places,
+            self._places_of(measured.keys),
             time.nanoseconds,
             _LONGEST_ABSENCE,
             measured.noise_growth,
@@ -146,9 +147,8 @@ class NoiseMonitor:
     def learn(self, time: GpsTime, interval: float, epoch: EpochResiduals) -> None:
         """Update all components with the residuals of an epoch."""
         measured = epoch.measured
-        self._make_room(measured.keys)
         values, variances, common, unknowns = collect_residuals(
-            measured.keys.places,
+            self._places_of(measured.keys),
             time.nanoseconds,
             self._last_time,
             1.5 * interval,
