@@ -271,7 +271,7 @@ build_workspace() {
   step "writing the environment" "$venv/bin/python" tools/write_environment.py
   install_command
   step "compiling the modules of the nodes" import_nodes
-  step "compiling what they calculate with (half a minute)" compile_calculations
+  step "compiling what they calculate with (a minute)" fly
   workspace_fingerprint >install/.vtff_workspace
 }
 
@@ -286,9 +286,13 @@ for path in sorted(pathlib.Path("src").glob("vtff_*/vtff_*/*_node.py")):
 '
 )
 
-compile_calculations() (
-  . "$venv/vtff_environment.sh"
-  "$venv/bin/python" tools/compile_calculations.py
+# Each process compiles what its node calculates with, before the first step.
+fly() (
+  runs=$(mktemp -d)
+  trap 'rm -rf "$runs"' EXIT
+  for system in esf realistic; do
+    "$venv/bin/vtff" run "$system" --distributed --duration 5 --no-report --out "$runs/$system"
+  done
 )
 
 install_command() {

@@ -109,6 +109,8 @@ def main() -> None:
         # pip has compiled no module: the first process that imports one does, for all later ones.
         "unset PYTHONDONTWRITEBYTECODE",
         f"export PYTHONPYCACHEPREFIX={shlex.quote(str(prefix / 'bytecode'))}",
+        # What numba compiles goes with this environment, too.
+        f"export NUMBA_CACHE_DIR=${{NUMBA_CACHE_DIR:-{prefix / 'machine_code'}}}",
         f'export PATH={shlex.quote(str(prefix / "bin"))}:"$PATH"',
         # More threads cost more than they give on small matrices; `vtff run` does the same.
         "export OPENBLAS_NUM_THREADS=${OPENBLAS_NUM_THREADS:-1}",

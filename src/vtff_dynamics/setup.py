@@ -12,7 +12,7 @@ setup(
         ("share/ament_index/resource_index/packages", ["resource/" + package_name]),
         ("share/" + package_name, ["package.xml"]),
     ],
-    package_data={package_name: ["py.typed", "argument_dispatcher.c", "unpickle_once.c"]},
+    package_data={package_name: ["py.typed"]},
     install_requires=[
         "numpy>=1.26,<3",
         "brahe>=1.8,<1.9",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import time
 from collections.abc import Callable
@@ -20,7 +21,7 @@ from vtff_control.safety.formation_safety import (
     SafetyStep,
     SpacecraftDecision,
     SpacecraftInput,
-    compile_kernels,
+    judge_synthetic_formation,
 )
 from vtff_control.thruster.isolation import isolation_bits
 from vtff_dynamics.vectors import FloatArray, is_finite
@@ -154,16 +155,12 @@ class FormationSafetyNode(VtffNode):
     def __init__(self, **node_arguments: object) -> None:
         super().__init__("formation_safety", **node_arguments)
         given: FormationSafetyParameters = self.parameters
-        names = {field.name for field in dataclasses.fields(SafetySetting)}
-        values = {name: getattr(given, name) for name in names}
         try:
             self._safety = FormationSafety(
-                given.chief, given.deputies, SafetySetting(**values), given.chief_thrusts
+                given.chief, given.deputies, self._setting(), given.chief_thrusts
             )
         except ValueError as error:
             raise ParameterError(f"parameter {error}") from error
-        # Takes seconds without a cache, which the first step cannot wait.
-        compile_kernels(SafetySetting(**values))
         # Those whose commands are judged.
         self._guarded = [*given.deputies, *([given.chief] if given.chief_thrusts else [])]
         self._pending: dict[int, _Pending] = {}
@@ -204,6 +201,15 @@ class FormationSafetyNode(VtffNode):
         self._safety_publisher = self.publisher(FormationSafetyMessage, "/formation/safety")
         self.create_service(ResetSafety, "/formation/safety/reset", self._on_reset)
         self.create_timer(WATCH_INTERVAL, self._watch, clock=self.steady_clock)
+
+    def warm_up(self) -> None:
+        """Have other monitors of the same setting judge a synthetic formation."""
+        with contextlib.suppress(ValueError):  # which the constructor names
+            judge_synthetic_formation(self._setting())
+
+    def _setting(self) -> SafetySetting:
+        names = [field.name for field in dataclasses.fields(SafetySetting)]
+        return SafetySetting(**{name: getattr(self.parameters, name) for name in names})
 
     # ---- what comes --------------------------------------------------------------------------
 

@@ -18,6 +18,7 @@ from vtff_control.tracking.controller import (
     check_control_result,
     takes_covariance,
 )
+from vtff_control.tracking.feedforward import target_acceleration, velocity_at_rest
 from vtff_control.tracking.navigation_bounds import sigma_reason, usable_covariance
 from vtff_control.tracking.sdre import (
     DEFAULT_OPTIONS,
@@ -220,6 +221,12 @@ class SdreControllerNode(VtffNode):
         if not self.lockstep:
             # In lockstep no state can be old: nobody goes on before it is answered.
             self.subscribe(Clock, "/clock", self._on_clock)
+
+    def warm_up(self) -> None:
+        """Compute a feedforward, which all shipped controllers do."""
+        chief = np.array([7.0e6, 0.0, 0.0, 0.0, 7.5e3, 0.0])
+        target_acceleration(chief, np.zeros(6), 1, 1.0, 0.0)
+        velocity_at_rest(chief, np.zeros(3), 0.0)
 
     def _on_clock(self, message: Clock) -> None:
         self._now_nanoseconds = to_nanoseconds(message.clock)

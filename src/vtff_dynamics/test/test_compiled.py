@@ -1,40 +1,49 @@
-"""Compiled functions: machine code that later processes load without numba."""
+"""Compiled functions: files of machine code, which are never old, damaged or another's."""
 
+import importlib
+import inspect
 import json
 import os
 import pathlib
+import pkgutil
 import subprocess
 import sys
 import types
 
 import numpy as np
 import pytest
+from numba.core.dispatcher import Dispatcher
 
-from vtff_dynamics import machine_code
-from vtff_dynamics.machine_code import source_fingerprint
-
-KERNELS = """
-import collections
+CONSTANTS = """
 import enum
-import math
-
-import numpy as np
-
-from vtff_dynamics.compiled import compiled
 
 GAIN = 3.0
-Settings = collections.namedtuple("Settings", "power offset")
+TABLE = (1.0, 2.0)
 
 
 class Kind(enum.IntEnum):
     EVEN = 0
     ODD = 1
+"""
+CALLED = """
+import math
+
+from constants import GAIN
+from vtff_dynamics.compiled import compiled
 
 
 @compiled
-def _raised(value, power):
+def raised(value, power):
     \"\"\"Return a power, times the gain.\"\"\"
     return GAIN * math.sin(value) ** power
+"""
+KERNELS = """
+import collections
+
+import numpy as np
+from called import raised
+from constants import TABLE, Kind
+from vtff_dynamics.compiled import compiled
 
 
 @compiled
@@ -42,163 +51,247 @@ def total(values, settings, kinds):
     result = np.zeros(2)
     for row in range(len(values)):
         for column in range(values.shape[1]):
-            term = _raised(values[row, column], settings.power) + settings.offset
+            term = raised(values[row, column], settings.power) + settings.offset
             kinds[row, column] = Kind.ODD if column % 2 else Kind.EVEN
-            result[kinds[row, column]] += term
+            result[kinds[row, column]] += term * TABLE[0]
     return result, len(values) > 2
 """
 CALL = """
-import json, pickle, sys
+import collections, json
 import numpy as np
-unpickled, loads = [], pickle.loads
-pickle.loads = lambda *arguments: unpickled.append(arguments) or loads(*arguments)
-from kernels import Settings, total
-from vtff_dynamics.compiled import count_compiled_forms
+from kernels import total
+Settings = collections.namedtuple("Settings", "power offset")
 values, kinds = np.linspace(0.1, 2.0, 12).reshape(4, 3), np.zeros((4, 3), dtype=np.int64)
-for call in range(20):
-    if call == 2:
-        count = len(unpickled)
-    sums, is_long = total(values, Settings(2.0, 0.5), kinds)
-assert len(unpickled) == count, "calls unpickle"
-assert type(sums) is np.ndarray and sys.getrefcount(sums) == 2
-print(json.dumps([sums.tolist(), is_long, kinds.tolist(), "numba" in sys.modules]))
-print(json.dumps(count_compiled_forms()))
+sums, is_long = total(values, Settings(2.0, 0.5), kinds)
+counts = getattr(total, "_cache_hits", {})
+print(json.dumps([sums.tolist(), is_long, kinds.tolist(), sum(counts.values())]))
 """
+SOURCES = {"constants": CONSTANTS, "called": CALLED, "kernels": KERNELS}
 
 
-def call_in_new_process(folder: pathlib.Path, source: str = KERNELS, **environment: str) -> list:
-    (folder / "kernels.py").write_text(source, encoding="utf-8")
-    search_path = os.pathsep.join([str(folder), os.environ.get("PYTHONPATH", "")])
-    done = subprocess.run(
-        [sys.executable, "-c", CALL],
+class Package:
+    """Three modules and a folder for machine code, in a folder."""
+
+    def __init__(self, folder: pathlib.Path) -> None:
+        self.folder = folder
+        self.cache = folder / "cache"
+        self.sources = dict(SOURCES)
+        self.call_program = CALL
+
+    def start(self, **environment: str) -> subprocess.Popen:
+        for name, text in self.sources.items():
+            (self.folder / f"{name}.py").write_text(text, encoding="utf-8")
+        known = {**os.environ, "NUMBA_CACHE_DIR": str(self.cache), **environment}
+        known["PYTHONPATH"] = os.pathsep.join([str(self.folder), os.environ.get("PYTHONPATH", "")])
         # Bytecode is told from that of an older source by seconds.
-        env={
-            **os.environ,
-            "PYTHONPATH": search_path,
-            "PYTHONDONTWRITEBYTECODE": "1",
-            **environment,
-        },
-        capture_output=True,
-        text=True,
-        timeout=120,
-    )
-    assert done.returncode == 0, done.stderr
-    assert not done.stderr
-    values, forms = map(json.loads, done.stdout.splitlines())
-    assert forms["kernels.total"] == 1
-    return values
+        known["PYTHONDONTWRITEBYTECODE"] = "1"
+        return subprocess.Popen(
+            [sys.executable, "-c", self.call_program],
+            cwd=self.folder,
+            env={name: value for name, value in known.items() if value},
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+
+    def call(self, **environment: str) -> list:
+        """Return sums, whether there are many rows, kinds, and how many forms were loaded."""
+        return answer(self.start(**environment))
+
+    def files(self) -> list[pathlib.Path]:
+        return sorted(path for path in self.cache.rglob("*") if path.is_file())
 
 
-def interpreted() -> list:
-    """Return what the interpreter makes of the same function."""
+def answer(process: subprocess.Popen) -> list:
+    printed, errors = process.communicate(timeout=300)
+    assert process.returncode == 0, errors
+    assert not errors
+    return json.loads(printed)
+
+
+@pytest.fixture
+def package(tmp_path) -> Package:
+    return Package(tmp_path)
+
+
+def assert_sums(found: list, gain: float = 3.0) -> None:
+    """Raise AssertionError unless the results are those of the interpreter."""
     values, kinds = np.linspace(0.1, 2.0, 12).reshape(4, 3), np.zeros((4, 3), dtype=np.int64)
     result = np.zeros(2)
     for row in range(4):
         for column in range(3):
             kinds[row, column] = column % 2
-            result[column % 2] += 3.0 * np.sin(values[row, column]) ** 2.0 + 0.5
-    return [result.tolist(), True, kinds.tolist()]
+            result[column % 2] += gain * np.sin(values[row, column]) ** 2.0 + 0.5
+    np.testing.assert_allclose(found[0], result, rtol=1e-14)
+    assert found[1:3] == [True, kinds.tolist()]
 
 
-def files(folder: pathlib.Path) -> list[str]:
-    return sorted(path.name for path in folder.glob("__pycache__/*.so"))
-
-
-def test_later_processes_load_what_the_first_has_compiled(tmp_path):
-    first = call_in_new_process(tmp_path)
-    made = files(tmp_path)
-    assert first[3] and len(made) == 1, "numba has compiled one file"
-    second = call_in_new_process(tmp_path)
-    assert not second[3], "numba was imported"
-    assert files(tmp_path) == made
-    assert first[:3] == second[:3]
-    np.testing.assert_allclose(first[0], interpreted()[0], rtol=1e-15)
-    assert first[1:3] == interpreted()[1:]
-
-    # A constant that a called function reads; what is kept for the old one goes.
-    changed = call_in_new_process(tmp_path, KERNELS.replace("GAIN = 3.0", "GAIN = 6.0"))
-    assert changed[3]
-    np.testing.assert_allclose(changed[0], 2.0 * np.array(first[0]) - [4.0, 2.0], rtol=1e-12)
-    assert len(files(tmp_path)) == 1 and files(tmp_path) != made
-
-    # A damaged file is made anew.
-    (damaged,) = tmp_path.glob("__pycache__/*.so")
-    damaged.unlink()
-    damaged.write_bytes(b"\x7fELF")
-    assert call_in_new_process(tmp_path, KERNELS.replace("GAIN = 3.0", "GAIN = 6.0")) == changed
-
-
-def test_without_a_compiler_numba_compiles(tmp_path):
-    found = call_in_new_process(tmp_path, PATH=str(tmp_path))
-    assert found[3] and not files(tmp_path)
-    np.testing.assert_allclose(found[0], interpreted()[0], rtol=1e-15)
-    assert found[1:3] == interpreted()[1:]
-
-
-def test_a_compiler_that_fails_is_none(tmp_path):
-    """A cache folder of its own: the parts that all share are not there yet."""
-    for name in ("cc", "c++", "gcc", "g++"):
-        path = tmp_path / name
-        path.write_text("#!/bin/sh\nexit 1\n")
-        path.chmod(0o755)
-    cache = tmp_path / "cache"
-    found = call_in_new_process(
-        tmp_path, PATH=str(tmp_path), CC="cc", CXX="c++", NUMBA_CACHE_DIR=str(cache)
-    )
-    assert found[3] and not list(cache.glob("*.so"))
-    np.testing.assert_allclose(found[0], interpreted()[0], rtol=1e-15)
-
-
-def test_works_where_nothing_can_be_kept(tmp_path):
-    """Neither in the chosen folder nor in that of numba: its name is that of a file."""
-    taken = tmp_path / "taken"
-    taken.write_bytes(b"")
-    found = call_in_new_process(tmp_path, NUMBA_CACHE_DIR=str(taken), HOME=str(taken))
-    np.testing.assert_allclose(found[0], interpreted()[0], rtol=1e-15)
-
-
-def kernels(source: str) -> types.ModuleType:
-    module = types.ModuleType("kernels")
-    exec(source, module.__dict__)
-    return module
-
-
-def fingerprint(source: str) -> str | None:
-    function = kernels(source).total.__wrapped__
-    return source_fingerprint(function, lambda value: getattr(value, "__wrapped__", None))
+def test_later_processes_load_what_the_first_has_compiled(package):
+    first = package.call()
+    assert first[3] == 0
+    assert_sums(first)
+    made = package.files()
+    assert [path.parent.name for path in made] == ["called.raised", "kernels.total"]
+    second = package.call()
+    assert second == [*first[:3], 1]
+    assert package.files() == made
 
 
 @pytest.mark.parametrize(
-    ("old", "new"),
+    ("module", "old", "new"),
     [
-        ("GAIN = 3.0", "GAIN = 3.0000000000000004"),
-        ("** power", "** (power + 1)"),
-        ("math.sin", "math.cos"),
-        ("len(values) > 2", "len(values) > 3"),
-        ("ODD = 1", "ODD = 2"),
+        ("constants", "GAIN = 3.0", "GAIN = 3.000001"),
+        ("constants", "(1.0, 2.0)", "(1.5, 2.0)"),
+        ("constants", "EVEN = 0\n    ODD = 1", "ODD = 0\n    EVEN = 1"),
+        ("called", "math.sin", "math.cos"),
+        ("kernels", "len(values) > 2", "len(values) > 4"),
     ],
 )
-def test_the_fingerprint_changes_with_what_the_code_depends_on(old, new):
-    changed = KERNELS.replace(old, new)
-    assert changed != KERNELS
-    assert fingerprint(changed) != fingerprint(KERNELS)
+def test_what_a_kernel_depends_on_compiles_it_anew(package, module, old, new):
+    first = package.call()
+    package.sources[module] = SOURCES[module].replace(old, new)
+    assert package.sources[module] != SOURCES[module]
+    changed = package.call()
+    assert changed[3] == 0
+    assert changed[:3] != first[:3]
+    assert len(package.files()) == 2, "the new files replace the old ones"
+    assert package.call()[3] == 1
 
 
-def test_the_fingerprint_does_not_change_with_words():
-    worded = KERNELS.replace("Return a power", "Return some power").replace(
-        "GAIN = 3.0", "# Of the loop.\nGAIN = 3.0"
+def test_the_order_of_fields_of_an_argument_is_one_of_its_types(package):
+    first = package.call()
+    package.call_program = CALL.replace("power offset", "offset power").replace(
+        "2.0, 0.5", "0.5, 2.0"
     )
-    assert fingerprint(worded) == fingerprint(KERNELS)
+    assert package.call() == first
 
 
-def test_processors_without_the_instructions_get_other_code(monkeypatch):
-    def path():
-        machine_code._environment.cache_clear()
-        return machine_code.machine_code_path(path, "source", ("float",))
+SMALL = """
+from vtff_dynamics.compiled import compiled
 
-    levels = []
-    for level in ("", "x86-64-v3"):
-        monkeypatch.setattr(machine_code, "_processor_level", lambda level=level: level)
-        levels.append(path())
-    machine_code._environment.cache_clear()
-    assert levels[0] != levels[1]
+
+@compiled
+def triple(value):
+    return 3.0 * value
+"""
+
+
+def new_kernel(folder: pathlib.Path, source: str = SMALL) -> Dispatcher:
+    """Return a function that has nothing compiled, as in a new process."""
+    path = folder / "small.py"
+    path.write_text(source, encoding="utf-8")
+    module = types.ModuleType("small")
+    exec(compile(source, str(path), "exec"), module.__dict__)
+    return module.triple
+
+
+def hits(kernel: Dispatcher) -> int:
+    """Return how many forms of a function were loaded, not compiled."""
+    return sum(kernel._cache_hits.values())
+
+
+def damages(content: bytes) -> list[bytes]:
+    """Return contents that are cut, or differ from one in a byte."""
+    places = [0, 31, 32, 33, *range(100, len(content), len(content) // 12), len(content) - 1]
+    flipped = [
+        content[:place] + bytes([content[place] ^ 0xFF]) + content[place + 1 :] for place in places
+    ]
+    return [*flipped, *(content[:place] for place in places)]
+
+
+def test_a_damaged_file_is_made_again(tmp_path, monkeypatch):
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "cache"))
+    assert new_kernel(tmp_path)(2.0) == 6.0
+    (path,) = (path for path in (tmp_path / "cache").rglob("*") if path.is_file())
+    for damage in damages(path.read_bytes()):
+        path.write_bytes(damage)
+        kernel = new_kernel(tmp_path)
+        assert (kernel(2.0), hits(kernel)) == (6.0, 0)
+        kernel = new_kernel(tmp_path)
+        assert (kernel(2.0), hits(kernel)) == (6.0, 1)
+
+
+@pytest.mark.parametrize("place", ["file", "read-only", "no home"])
+def test_without_a_place_for_files_code_is_kept_in_memory(tmp_path, monkeypatch, place):
+    taken = tmp_path / "taken"
+    taken.write_bytes(b"")
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(taken))
+    if place == "read-only":
+        monkeypatch.setattr(pathlib.Path, "mkdir", refuse)
+        monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "cache"))
+    elif place == "no home":
+        for name in ("NUMBA_CACHE_DIR", "XDG_CACHE_HOME", "HOME"):
+            monkeypatch.delenv(name, raising=False)
+        monkeypatch.setattr("pwd.getpwuid", lambda number: {}[number])
+    monkeypatch.chdir(tmp_path)
+    before = sorted(tmp_path.rglob("*"))
+    for _ in range(2):
+        kernel = new_kernel(tmp_path)
+        assert (kernel(2.0), hits(kernel)) == (6.0, 0)
+        assert kernel(3.0) == 9.0
+    assert [path for path in tmp_path.rglob("*") if path.name != "small.py"] == before
+
+
+def refuse(*arguments: object, **options: object) -> None:
+    raise PermissionError("read-only file system")
+
+
+def test_a_full_disk_costs_the_file_alone(tmp_path, monkeypatch):
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "cache"))
+    monkeypatch.setattr(pathlib.Path, "write_bytes", refuse)
+    assert new_kernel(tmp_path)(2.0) == 6.0
+
+
+def test_files_are_in_the_cache_folder_of_the_user(tmp_path, monkeypatch):
+    monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
+    monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
+    monkeypatch.setenv("HOME", str(tmp_path))
+    new_kernel(tmp_path)(2.0)
+    assert len(list((tmp_path / ".cache" / "vtff" / "small.triple").iterdir())) == 1
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "other"))
+    new_kernel(tmp_path)(2.0)
+    assert len(list((tmp_path / "other" / "vtff" / "small.triple").iterdir())) == 1
+
+
+def test_code_without_a_file_is_compiled_in_memory(tmp_path, monkeypatch):
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    scope: dict = {}
+    exec(SMALL, scope)
+    assert scope["triple"](2.0) == 6.0
+    assert not list(tmp_path.iterdir())
+
+
+def test_processes_that_start_at_once_share_an_empty_folder(package):
+    processes = [package.start() for _ in range(4)]
+    found = [answer(process) for process in processes]
+    assert all(each[:3] == found[0][:3] for each in found)
+    assert len(package.files()) == 2
+    assert package.call()[3] == 1
+
+
+def test_without_compilation_the_interpreter_calculates(package):
+    found = package.call(NUMBA_DISABLE_JIT="1")
+    assert_sums(found)
+    assert not package.files()
+
+
+ROOMS = ("vtff_dynamics", "vtff_gnss", "vtff_bag", "vtff_control", "vtff_iono", "vtff_nav")
+
+
+@pytest.mark.parametrize("package_name", [*ROOMS, "vtff_sim_bridge"])
+def test_the_digest_sees_all_that_kernels_use(package_name):
+    """That is globals that the function names itself, and no members of modules of ours."""
+    root = importlib.import_module(package_name)
+    kernels = [
+        value
+        for found in pkgutil.walk_packages(root.__path__, f"{package_name}.")
+        for value in vars(importlib.import_module(found.name)).values()
+        if isinstance(value, Dispatcher) and value.__module__ == found.name
+    ]
+    assert kernels
+    for kernel in kernels:
+        code, scope = kernel.py_func.__code__, kernel.py_func.__globals__
+        assert not any(inspect.iscode(constant) for constant in code.co_consts), kernel
+        assert not kernel.py_func.__closure__, kernel
+        modules = [scope[name] for name in code.co_names if inspect.ismodule(scope.get(name))]
+        assert {module.__name__ for module in modules} <= {"math", "numpy"}, kernel

@@ -1,132 +1,60 @@
-"""Compilation of inner loops that no array operation can express."""
+"""Compilation by `numba.njit` of loops that no array operation can express."""
 
-from __future__ import annotations
-
+import contextlib
 import functools
 import os
-import types
-from collections.abc import Callable
+import pathlib
+import pickle
+import sys
+from hashlib import sha256
 from typing import Any
 
-from vtff_dynamics.machine_code import (
-    argument_forms,
-    build_machine_code,
-    dispatching_function,
-    load_machine_code,
-    machine_code_path,
-    source_fingerprint,
-)
-
-__all__ = ["compiled", "count_compiled_forms"]
-
-_kernels: list[_Kernel] = []
+import numba
+from numba.core import caching, compiler, serialize
 
 
-def compiled(function: Callable[..., Any]) -> Any:
-    """Return a function that is compiled by numba on its first call with arguments of some types.
-
-    The machine code is kept in files beside the source or in the user's cache folder, or in
-    NUMBA_CACHE_DIR; later processes load them without numba, whose import takes half a second of
-    processor. Where there is no C compiler, no place for files, or arguments are neither numbers
-    nor arrays of them, numba compiles in each process, or reads its own cache. The compiled loop
-    works through samples in order of time, so that a call with one epoch (online) and a call with
-    a whole file (offline) give the same numbers.
-    """
-    kernel = _Kernel(function)
-    _kernels.append(kernel)
-
-    @functools.wraps(function)
-    def call(*arguments: Any) -> Any:
-        return kernel.call(*arguments)
-
-    call.kernel = kernel  # type: ignore[attr-defined]
-    return call
+def compiled(function: Any) -> Any:
+    """Return a function that numba compiles, and keeps in NUMBA_CACHE_DIR or ~/.cache."""
+    dispatcher = numba.njit(function)
+    dispatcher._cache = _Files(function)
+    return dispatcher
 
 
-def count_compiled_forms() -> dict[str, int]:
-    """Return for how many types of arguments each function is compiled in this process."""
-    return {
-        f"{kernel.function.__module__}.{kernel.function.__qualname__}": kernel.count_forms()
-        for kernel in _kernels
-        if kernel.count_forms()
-    }
-
-
-class _Kernel:
-    """A compiled function: what is known of it, and the function that calls its machine code."""
-
+class _Files(caching.NullCache):  # that of numba returns damaged code, and code of old callees
     def __init__(self, function: Any) -> None:
-        self.function: types.FunctionType = function
-        self.call: Callable[..., Any] = self._call_unknown_form
-        self._codes: dict[tuple[str, ...], Callable[..., Any]] = {}
-        self._dispatchers: dict[bool, Any] = {}
+        self._function = function
 
-    def count_forms(self) -> int:
-        """Return for how many types of arguments this process has machine code."""
-        return len(self._codes) + sum(
-            len(getattr(dispatcher, "signatures", ())) for dispatcher in self._dispatchers.values()
-        )
+    def _path(self, types: Any, codegen: Any) -> pathlib.Path:
+        base = os.environ.get("NUMBA_CACHE_DIR") or os.environ.get("XDG_CACHE_HOME") or "~/.cache"
+        name = f"{self._function.__module__}.{self._function.__qualname__}"
+        key = f"{[(t, getattr(t, 'fields', 0)) for t in types]}{codegen.magic_tuple()}{sys.version}"
+        return pathlib.Path(base, "vtff", name, sha256(key.encode()).hexdigest()).expanduser()
 
-    def dispatcher(self, *, cache: bool) -> Any:
-        """Return the function of numba that compiles this one for the types of each call.
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        target_context.refresh()
+        with contextlib.suppress(OSError, RuntimeError):  # there is no file, or no home
+            content = self._path(sig, target_context.codegen()).read_bytes()
+            if content[:32] == sha256(content[32:] + _digest(self._function)).digest():
+                return compiler.CompileResult._rebuild(target_context, *pickle.loads(content[32:]))
 
-        numba's cache looks at the file of a function only, not at the constants and functions that
-        it imports.
-        """
-        if cache not in self._dispatchers:
-            import numba
-
-            function = self._function_calling(cache=cache)
-            try:
-                dispatcher: Any = numba.njit(cache=cache)(function)
-            except RuntimeError:  # neither the source folder nor the home folder can be written
-                dispatcher = numba.njit(function)
-            self._dispatchers[cache] = dispatcher
-        return self._dispatchers[cache]
-
-    def _function_calling(self, *, cache: bool) -> types.FunctionType:
-        """Return the function such that it calls functions of numba, where numba wants these."""
-        source = self.function
-        names = dict(source.__globals__)
-        for name in source.__code__.co_names:
-            kernel = getattr(names.get(name), "kernel", None)
-            if isinstance(kernel, _Kernel):
-                names[name] = kernel.dispatcher(cache=cache)
-        copied = types.FunctionType(
-            source.__code__, names, source.__name__, source.__defaults__, source.__closure__
-        )
-        functools.update_wrapper(copied, source)
-        return copied
-
-    def _call_unknown_form(self, *arguments: Any) -> Any:
-        """Load or make the machine code for arguments of types that have not been met."""
-        forms = argument_forms(arguments)
-        code = None if forms is None else self._machine_code(forms, arguments)
-        otherwise = self._call_unknown_form
-        if forms is None or code is None:
-            code = otherwise = self.dispatcher(cache=True)
-        else:
-            self._codes[forms] = code
-        self.call = dispatching_function(self._codes, otherwise) if self._codes else otherwise
-        return code(*arguments)
-
-    def _machine_code(
-        self, forms: tuple[str, ...], arguments: tuple[Any, ...]
-    ) -> Callable[..., Any] | None:
-        fingerprint = source_fingerprint(self.function, _function_of)
-        is_interpreted = os.environ.get("NUMBA_DISABLE_JIT", "0") not in ("", "0")
-        if fingerprint is None or is_interpreted:
-            return None
-        path = machine_code_path(self.function, fingerprint, forms)
-        code = load_machine_code(path)
-        if code is None and build_machine_code(
-            self._function_calling(cache=False), arguments, path
-        ):
-            code = load_machine_code(path)
-        return code
+    def save_overload(self, sig: Any, data: Any) -> None:
+        if data.library.has_dynamic_globals:  # addresses of this process
+            return
+        content = serialize.dumps(data._reduce())
+        with contextlib.suppress(OSError, RuntimeError):  # nothing can be written
+            path = self._path(sig, data.codegen)
+            path.parent.mkdir(parents=True, exist_ok=True)
+            part = path.with_suffix(f".{os.getpid()}")
+            part.write_bytes(sha256(content + _digest(self._function)).digest() + content)
+            part.replace(path)
 
 
-def _function_of(value: Any) -> types.FunctionType | None:
-    """Return the function behind a compiled one."""
-    kernel = getattr(value, "kernel", None)
-    return kernel.function if isinstance(kernel, _Kernel) else None
+@functools.cache
+def _digest(function: Any) -> bytes:
+    """Return a hash of numba and of a function's file, the constants and functions that it uses."""
+    parts = [numba.__version__.encode(), pathlib.Path(function.__code__.co_filename).read_bytes()]
+    for name in function.__code__.co_names:
+        used = function.__globals__.get(name)
+        parts.append(_digest(used.py_func) if hasattr(used, "py_func") else serialize.dumps(used))
+        parts.append(f"{getattr(used, '__members__', '')}".encode())  # of an enumeration
+    return sha256(b"".join(parts)).digest()

@@ -14,31 +14,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
 from vtff_dynamics.vectors import FloatArray
-from vtff_gnss.constants import FLAG_CODE_VALID, FLAG_PHASE_VALID, SYSTEM_GPS
 from vtff_gnss.ephemeris import BroadcastEphemeris
-from vtff_gnss.observations import OBSERVATION_COLUMNS
-from vtff_iono.bias import (
-    arc_noise,
-    expected_contents,
-    pair_equations,
-    profile_solver,
-    single_columns,
-)
 from vtff_iono.bias.code_biases import CodeBiasTable
-from vtff_iono.density import formation_density
 from vtff_iono.density.filter.settings import DensitySettings
 from vtff_iono.density.formation_density import DensityResult, FormationDensity
-from vtff_iono.edges import crossing_fit, ray_quantities, wall_fit, wall_search
 from vtff_iono.edges.boundary import Boundary
 from vtff_iono.edges.ray_edges import RayEdgeFinder, RayEdgeSettings
 from vtff_iono.edges.vertical_edges import VerticalEdgeFinder
-from vtff_iono.geometry import wind_up
-from vtff_iono.spacecraft import formation_second
 from vtff_iono.spacecraft.formation_second import FormationSecond, Track
 from vtff_iono.spacecraft.spacecraft_ionosphere import (
-    ObservationBlock,
     SpacecraftIonosphere,
     SpacecraftResult,
     SpacecraftSettings,
@@ -49,7 +34,6 @@ __all__ = [
     "FormationIonosphere",
     "FormationResult",
     "FormationSettings",
-    "compile_kernels",
 ]
 
 SECONDS_TOGETHER = 60
@@ -229,36 +213,3 @@ class FormationIonosphere:
             densities.append(tuple(d for d in pair_densities if not d.is_late))
             boundaries.append((*ray_edges[0], *ray_edges[craft], *edges))
         return FormationResult(results, tuple(densities), tuple(boundaries))
-
-
-def compile_kernels() -> None:
-    """Compile all that a formation needs, which takes a minute without a cache.
-
-    A node that did so with its first second, its first wall or its first receiver bias would be
-    late by that.
-    """
-    wind_up.compile_kernels()
-    pair_equations.compile_kernels()
-    profile_solver.compile_kernels()
-    arc_noise.compile_kernels()
-    expected_contents.compile_kernels()
-    single_columns.compile_kernels()
-    formation_density.compile_kernels()
-    wall_fit.compile_kernels()
-    wall_search.compile_kernels()
-    crossing_fit.compile_kernels()
-    ray_quantities.compile_kernels()
-    formation_second.compile_kernels()
-    # Two signals of a satellite, at no known place.
-    columns = {name: np.zeros(2, dtype=kind) for name, kind in OBSERVATION_COLUMNS.items()}
-    columns |= {
-        "system": np.full(2, SYSTEM_GPS, dtype=np.uint8),
-        "band": np.array([1, 2], dtype=np.uint8),
-        "attribute": np.array([ord("C"), ord("W")], dtype=np.uint8),
-        "flags": np.full(2, FLAG_CODE_VALID | FLAG_PHASE_VALID, dtype=np.uint16),
-    }
-    formation = FormationIonosphere()
-    for number in range(1, 3):
-        time = number * NANOSECONDS_PER_SECOND
-        block = ObservationBlock(np.full(2, time, dtype=np.int64), columns)
-        formation.process(FormationSecond(time, (block, block), (None, None), ({},)))

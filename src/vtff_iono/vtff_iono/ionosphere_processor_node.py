@@ -30,13 +30,13 @@ from vtff_iono.formation_ionosphere import (
     FormationIonosphere,
     FormationResult,
     FormationSettings,
-    compile_kernels,
 )
 from vtff_iono.geometry.satellite_geometry import ELEVATION_MASK_DEG
 from vtff_iono.scintillation.indices import ScintillationSettings
 from vtff_iono.spacecraft.formation_second import FormationSecond
 from vtff_iono.spacecraft.navigation_choice import NavigationChoice
 from vtff_iono.spacecraft.spacecraft_ionosphere import SpacecraftIonosphere, SpacecraftSettings
+from vtff_iono.synthetic_seconds import process_synthetic_seconds
 from vtff_msgs.msg import (
     AmbiguityStatus,
     ElectronDensity,
@@ -226,9 +226,12 @@ class IonosphereProcessorNode(VtffNode):
             self.publisher(IrregularityBoundary, f"{deputy}/iono/irregularity_boundary")
             for deputy in parameters.deputies
         ]
-        compile_kernels()
         self._subscribe()
         self.create_timer(LOOK_INTERVAL, self._process_complete, clock=self.steady_clock)
+
+    def warm_up(self) -> None:
+        """Have another formation cross a wall of plasma."""
+        process_synthetic_seconds(FormationIonosphere(formation_settings(self.parameters)))
 
     def _new_formation(self) -> FormationIonosphere:
         return FormationIonosphere(

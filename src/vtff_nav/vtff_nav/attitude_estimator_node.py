@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import time
 from dataclasses import dataclass
@@ -28,7 +29,7 @@ from vtff_nav.attitude.onboard import (
     ModuleReport,
     OnboardAttitude,
     OnboardAttitudeEstimator,
-    compile_kernels,
+    process_synthetic_samples,
 )
 from vtff_nav.attitude.orbit_memory import OrbitMemory, OrbitPoint
 from vtff_nav.attitude.thrust_memory import ThrustMemory
@@ -167,32 +168,7 @@ class AttitudeEstimatorNode(VtffNode):
         super().__init__("attitude_estimator", **node_arguments)
         given: AttitudeEstimatorParameters = self.parameters
         try:
-            body = BodyModel(
-                given.inertia, given.wheel_axis, given.wheel_inertia, given.torquer_moment
-            )
-            configuration = AttitudeFilterConfiguration(
-                magnetometer_sigma=given.magnetometer_sigma,
-                initial_rotation_sigma_deg=(
-                    _FILTER.initial_rotation_sigma_deg
-                    if given.initial_rotation_sigma_deg is None
-                    else given.initial_rotation_sigma_deg
-                ),
-                initial_rate_sigma=given.initial_rate_sigma,
-                initial_dipole=given.initial_dipole,
-                initial_dipole_sigma=given.initial_dipole_sigma,
-                dipole_drift_sigma=given.dipole_drift_sigma,
-                dipole_drift_time=given.dipole_drift_time,
-                torquer_sigma=given.torquer_sigma,
-                torque_noise=given.torque_noise,
-                torque_sigma=given.torque_sigma,
-                torque_time=given.torque_time,
-                bias_sigma=given.bias_sigma,
-                bias_walk=given.bias_walk,
-                inertia_sigma=given.inertia_sigma,
-                field_sigma=given.field_sigma,
-                field_time=given.field_time,
-                thruster_offset_sigma=given.thruster_offset_sigma,
-            )
+            body, configuration = self._models()
         except ValueError as error:
             raise ParameterError(f"parameter {error}") from error
         watch = DeterminationConfiguration(
@@ -200,8 +176,6 @@ class AttitudeEstimatorNode(VtffNode):
             converged_deg=given.converged_deg,
             starting_rate=given.starting_rate,
         )
-        # Takes seconds without a cache, which the first sample cannot wait.
-        compile_kernels(body, configuration)
         self._estimator = OnboardAttitudeEstimator(body, configuration, watch)
         self._orbit = OrbitMemory()
         self._orbit_stamp = -1
@@ -226,6 +200,40 @@ class AttitudeEstimatorNode(VtffNode):
         self.subscribe(AdcsReport, "adcs/report", self._on_report)
         if self._thrust is not None:
             self.subscribe(AccelStamped, "propulsion/thrust_body", self._on_thrust)
+
+    def warm_up(self) -> None:
+        """Have another estimator of the same setting take some synthetic samples."""
+        with contextlib.suppress(ValueError):  # which the constructor names
+            process_synthetic_samples(OnboardAttitudeEstimator(*self._models()))
+
+    def _models(self) -> tuple[BodyModel, AttitudeFilterConfiguration]:
+        """Return the parameters as models of body and filter; ValueError names a wrong one."""
+        given: AttitudeEstimatorParameters = self.parameters
+        body = BodyModel(given.inertia, given.wheel_axis, given.wheel_inertia, given.torquer_moment)
+        configuration = AttitudeFilterConfiguration(
+            magnetometer_sigma=given.magnetometer_sigma,
+            initial_rotation_sigma_deg=(
+                _FILTER.initial_rotation_sigma_deg
+                if given.initial_rotation_sigma_deg is None
+                else given.initial_rotation_sigma_deg
+            ),
+            initial_rate_sigma=given.initial_rate_sigma,
+            initial_dipole=given.initial_dipole,
+            initial_dipole_sigma=given.initial_dipole_sigma,
+            dipole_drift_sigma=given.dipole_drift_sigma,
+            dipole_drift_time=given.dipole_drift_time,
+            torquer_sigma=given.torquer_sigma,
+            torque_noise=given.torque_noise,
+            torque_sigma=given.torque_sigma,
+            torque_time=given.torque_time,
+            bias_sigma=given.bias_sigma,
+            bias_walk=given.bias_walk,
+            inertia_sigma=given.inertia_sigma,
+            field_sigma=given.field_sigma,
+            field_time=given.field_time,
+            thruster_offset_sigma=given.thruster_offset_sigma,
+        )
+        return body, configuration
 
     def _on_orbit(self, message: OrbitState) -> None:
         self._orbit_stamp = to_nanoseconds(message.header.stamp)

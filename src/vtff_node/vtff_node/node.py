@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import json
 import os
@@ -29,6 +30,7 @@ from vtff_node.stamps import to_nanoseconds, to_stamp
 from vtff_node.start.awaited_inputs import AwaitedInputs
 from vtff_node.start.listeners import (
     DIAGNOSTICS_TOPIC,
+    TOPICS_OF_ALL_NODES,
     ListenerWatch,
     listener_values,
     status_name,
@@ -112,6 +114,7 @@ class VtffNode(Node):
             )
             self.plugin_parameters = self._declare_plugin_parameters(self.plugin)
         parameters.refuse_unknown(self)
+        self.warm_up()
         #: Newest scenario time this node has seen, ns since 1970; 0 before the first message.
         self.scenario_nanoseconds = 0
         self._first_scenario_nanoseconds = 0
@@ -144,6 +147,14 @@ class VtffNode(Node):
         #: Samples that were no messages, by topic.
         self._dropped_samples: dict[str, int] = {}
         self.create_timer(1.0, self._on_diagnostics_timer, clock=self.steady_clock)
+
+    def warm_up(self) -> None:
+        """Call the algorithm once on a small synthetic input, so that the first step is not late.
+
+        A first run compiles here for up to a minute. Called with the parameters declared and before
+        the node has any topic: `unready_nodes` names it until then. Subclasses replace this method;
+        the instance that they call is used for nothing else.
+        """
 
     def _declare_plugin_parameters(self, plugin: Plugin) -> Any:
         table = plugin.parameter_table
@@ -264,6 +275,19 @@ class VtffNode(Node):
             for name, namespace in self.get_node_names_and_namespaces()
         }
         return [name for name in expected if name not in present]
+
+    def unready_nodes(self, expected: Sequence[str]) -> list[str]:
+        """Return those of the expected nodes that are absent, or have no topic of their own yet."""
+        unready = self.absent_nodes(expected)
+        for name in set(expected).difference(unready):
+            namespace, _, node = name.rpartition("/")
+            topics = []
+            with contextlib.suppress(RuntimeError):  # it has just gone
+                topics += self.get_publisher_names_and_types_by_node(node, namespace or "/")
+                topics += self.get_subscriber_names_and_types_by_node(node, namespace or "/")
+            if {topic for topic, _ in topics} <= TOPICS_OF_ALL_NODES:
+                unready.append(name)
+        return unready
 
     def awaited_inputs(self) -> list[str]:
         """Return one text for each input that is not there; subclasses add their devices."""

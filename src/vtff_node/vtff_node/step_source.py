@@ -39,8 +39,12 @@ class StepSourceParameters:
     maximum_lag: int = parameter(
         50, "in lockstep, steps a side branch may lag", minimum=0, maximum=500
     )
+    # A first run compiles: 90 s of a processor, which 16 processes of a loaded machine share.
     start_timeout: float = parameter(
-        120.0, "wall time for all participants to finish the first step", unit="s", minimum=0.1
+        600.0,
+        "wall time until all nodes have done the first step",
+        unit="s",
+        minimum=0.1,
     )
     # Longer than the `compute_limit` of plug-ins, so that a slow plug-in is named itself.
     step_timeout: float = parameter(

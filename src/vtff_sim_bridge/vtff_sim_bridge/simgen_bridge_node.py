@@ -159,6 +159,17 @@ class SimgenBridgeNode(VtffNode):
         self._made = time.monotonic()
         self._start_timer = self.create_timer(START_POLL, self._start, clock=self.steady_clock)
 
+    def warm_up(self) -> None:
+        """Fly another truth of the same scenario for a step."""
+        scenario = _scenario_in_force(self.parameters)
+        truth = scenario.formation_truth()
+        for name in truth.names:
+            truth.motion_itrf(name, np.zeros(3))
+        truth.advance()
+        for name, attitude in scenario.attitude_truths().items():
+            attitude.begin_period(None)
+            attitude.advance(truth.state_gcrf(name), None)
+
     def _create_interfaces(self) -> None:
         self._clock_publisher = self.publisher(Clock, "/clock")
         self._clock_message = Clock()
@@ -254,9 +265,7 @@ class SimgenBridgeNode(VtffNode):
         """Return whether the run may start.
 
         Signals that come before a receiver is configured are lost, so the run waits for the nodes
-        that prepare. In lockstep it then starts at once: the first step waits for all participants,
-        and its messages are kept for nodes that are discovered later. The wall clock does not wait,
-        so in real time all nodes must be in the graph before the run starts.
+        that prepare, and for all others to be there, which have warmed up then.
         """
         if self.count_publishers("/clock") > 1:
             self.fail(
@@ -269,18 +278,17 @@ class SimgenBridgeNode(VtffNode):
                 nodes = self._step_source.describe_unprepared_nodes()
                 self.fail(f"the run did not start: {nodes}")
             return False
-        if self.lockstep:
-            return True
-        absent = self.absent_nodes(self.parameters.expected_nodes)
+        absent = self.unready_nodes(self.parameters.expected_nodes)
         silent = [
             f"/{self._thrust_topic(name)}"
             for name in self._thrust
             if not self.count_publishers(self._thrust_topic(name))
         ]
         if not absent and not silent:
-            # The nodes discover each other a moment after this node has discovered all of them.
+            # The nodes discover each other a moment after this node has discovered all of them;
+            # lockstep waits for them.
             self._ready_since = self._ready_since or now
-            return now - self._ready_since > SETTLE_TIME
+            return self.lockstep or now - self._ready_since > SETTLE_TIME
         if now - self._made > self.parameters.start_timeout:
             missing = ", ".join([*absent, *silent])
             self.fail(f"the run did not start: not in the graph: {missing}")
@@ -634,7 +642,7 @@ class SimgenBridgeNode(VtffNode):
         if self._started:
             return []
         unprepared = [f"{name} to be ready" for name in sorted(self._step_source.unprepared)]
-        absent = [] if self.lockstep else self.absent_nodes(self.parameters.expected_nodes)
+        absent = self.unready_nodes(self.parameters.expected_nodes)
         return [*super().awaited_inputs(), *unprepared, *(f"node {name}" for name in absent)]
 
     def health(self) -> list[diagnostics.DiagnosticStatus]:

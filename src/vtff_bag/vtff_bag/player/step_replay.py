@@ -107,7 +107,7 @@ class StepReplay:
     def _look_for_nodes(self) -> None:
         """Wait for the nodes under test, and leave out of the replay what they publish."""
         now = time.monotonic()
-        absent = self._node.absent_nodes(self._parameters.expected_nodes)
+        absent = self._node.unready_nodes(self._parameters.expected_nodes)
         if absent:
             if now - self._created_at > self._parameters.start_timeout:
                 self._node.fail(f"the replay did not start: not in the graph: {', '.join(absent)}")

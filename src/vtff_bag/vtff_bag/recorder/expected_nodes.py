@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Mapping
 
-from vtff_node.start.listeners import DIAGNOSTICS_TOPIC
+from vtff_node.start.listeners import DIAGNOSTICS_TOPIC, TOPICS_OF_ALL_NODES
 
 __all__ = ["ExpectedNodes"]
 
 #: Wall time from the discovery of a node after which it is taken for one that states nothing, s.
 STATEMENT_PATIENCE = 10.0
-#: The same for a node that reports on /diagnostics, as every vtff node does: on a first start it
-#: may compile for half a minute before it states anything.
-COMPILE_PATIENCE = 90.0
+#: The same for a node that reports on /diagnostics, as every vtff node does: it states nothing as
+#: long as other nodes of its process compile, for which they have their `start_timeout`.
+COMPILE_PATIENCE = 600.0
 
 
 class ExpectedNodes:
@@ -61,7 +61,8 @@ class ExpectedNodes:
         for node in nodes:
             if node in self._discovered:
                 self._discovered[node].add(topic)
-                self._discovered_since.setdefault(node, now)
+                if topic not in TOPICS_OF_ALL_NODES:  # else it is still warming up
+                    self._discovered_since.setdefault(node, now)
 
     def state(self, node: str, listeners: Mapping[str, Collection[str]]) -> None:
         """Take the statement of a node: full names of the nodes that listen, by topic."""

@@ -133,4 +133,4 @@ def place_on_hosts(
 
 def _with_patience(parameters: Mapping[str, Any]) -> dict[str, Any]:
     """Return parameters of the step source that let a step wait while a link is cut."""
-    return {"step_timeout": HOST_STEP_TIMEOUT, "start_timeout": HOST_STEP_TIMEOUT, **parameters}
+    return {"step_timeout": HOST_STEP_TIMEOUT, **parameters}

@@ -2,14 +2,12 @@
 
 import ast
 import dataclasses
-import os
 import pathlib
 import subprocess
 import sys
 
 import numpy as np
 import pytest
-import safety_samples
 from safety_samples import CHIEF, COVARIANCE, SETTING, heard, relative
 
 import vtff_control.safety
@@ -493,15 +491,15 @@ def test_without_navigation_the_thrust_of_the_chief_is_in_the_prediction():
 
 COMPILED_BEFORE_THE_FIRST_STEP = """
 import numpy as np
+from compiled_forms import compiled_forms
 from safety_samples import CHIEF, SETTING, heard, relative
 from vtff_control.safety.formation_safety import (
-    MODE_EVADE, FormationSafety, SafetySetting, compile_kernels,
+    MODE_EVADE, FormationSafety, SafetySetting, judge_synthetic_formation,
 )
-from vtff_dynamics.compiled import count_compiled_forms
 
 for setting in (SETTING, SafetySetting()):
-    compile_kernels(setting)
-    before = count_compiled_forms()
+    judge_synthetic_formation(setting)
+    before = compiled_forms()
     assert before
     modes = set()
     for first, speed in ((600.0, -20.0), (2e4, 0.0)):
@@ -513,17 +511,12 @@ for setting in (SETTING, SafetySetting()):
             assert all(0.0 <= pair.probability <= 1.0 for pair in result.pairs)
             state[1] += speed
     assert MODE_EVADE in modes, modes
-    assert count_compiled_forms() == before, (before, count_compiled_forms())
+    assert compiled_forms() == before, (before, compiled_forms())
 """
 
 
 def test_nothing_is_left_to_compile_for_the_first_step():
     """In a process of its own: other tests have compiled everything here."""
-    folder = pathlib.Path(safety_samples.__file__).parent
-    result = subprocess.run(
-        [sys.executable, "-c", COMPILED_BEFORE_THE_FIRST_STEP],
-        env={**os.environ, "PYTHONPATH": f"{folder}:{os.environ.get('PYTHONPATH', '')}"},
-        capture_output=True,
-        text=True,
-    )
+    program = f"import sys; sys.path[:0] = {sys.path!r}\n{COMPILED_BEFORE_THE_FIRST_STEP}"
+    result = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
     assert result.returncode == 0, result.stderr

@@ -21,7 +21,6 @@ from __future__ import annotations
 
 import functools
 import math
-import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -56,7 +55,7 @@ __all__ = [
     "FormationSafety",
     "SafetySetting",
     "SafetyStep",
-    "compile_kernels",
+    "judge_synthetic_formation",
 ]
 
 MODE_MONITOR = 0
@@ -771,18 +770,16 @@ def _error_after(seconds: float, covariance: FloatArray) -> float:
     return math.sqrt(max(position, 0.0)) + seconds * math.sqrt(max(velocity, 0.0))
 
 
-def compile_kernels(setting: SafetySetting) -> float:
-    """Compile the loops of a monitor, or load them from the cache; return the time taken, s.
+def judge_synthetic_formation(setting: SafetySetting) -> None:
+    """Judge a deputy that runs into the chief, and one that stays far away, each with a monitor.
 
-    The first predictions and manoeuvres do this too; a node calls it before the first step is due.
-    A monitor of its own judges a deputy that runs into the chief, and one that stays far away.
+    The first predictions and manoeuvres compile, for which no step can wait.
 
     Parameters
     ----------
     setting
-        Setting of the monitor.
+        Setting of the monitors.
     """
-    begin = time.perf_counter()
     radius = 7.0e6
     chief = np.array([radius, 0.0, 0.0, 0.0, math.sqrt(GM_EARTH / radius), 0.0])
     distance = 2.0 * setting.bounds.clear_radius
@@ -795,7 +792,6 @@ def compile_kernels(setting: SafetySetting) -> float:
         for values in (heard, heard, SpacecraftInput(reported_rtn=np.zeros(3)), heard):
             for pair in safety.step({"deputy": values}).pairs:
                 _ = pair.probability
-    return time.perf_counter() - begin
 
 
 def _away(motion: FreeMotion, index: int, moment: float) -> FloatArray:

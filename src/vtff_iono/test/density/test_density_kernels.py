@@ -5,11 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from vtff_dynamics.compiled import count_compiled_forms
 from vtff_dynamics.constants import WGS84_SEMI_MAJOR_AXIS
 from vtff_gnss.constants import ELECTRONS_PER_TECU
 from vtff_iono.bias.running_profile import RunningProfile
-from vtff_iono.density import electron_density
 from vtff_iono.density.filter import kernels
 from vtff_iono.density.filter.content_design import content_design, elevation_functions, empty_rays
 from vtff_iono.density.filter.kernels import COMMON, DENSITY
@@ -224,23 +222,3 @@ def test_modelled_contents_are_integrals_through_the_profile(altitude_deputy):
     between = profile.mean_density(400e3, altitude_deputy) / ELECTRONS_PER_TECU * path
     close(modelled, above[1] - above[0] + between)
     close(common[:, DENSITY], -path)
-
-
-def test_nothing_is_compiled_after_the_start():
-    """Compiling takes seconds, for which a node in real time would be late."""
-    electron_density.compile_kernels()
-    before = count_compiled_forms()
-    assert "vtff_iono.density.filter.second.update_second" in before
-    assert len(before) >= 5, before
-    estimator = electron_density.ElectronDensityEstimator()
-    elevation = np.radians([15.0, 30.0, 45.0, 60.0, 70.0, 80.0])
-    for second in range(5):
-        observed = np.where(np.arange(6) == second, np.nan, 1.0)
-        estimator.update(
-            second, 400e3, 401e3, elevation, elevation, observed, np.full(6, 0.004), 10.0
-        )
-        innovation, covariance = estimator.predicted_stec(
-            second + 0.5, 400e3, 401e3, elevation[1:], elevation[1:]
-        )
-        estimator.find_outliers(innovation, covariance)
-    assert count_compiled_forms() == before

@@ -4,21 +4,22 @@ import subprocess
 import sys
 
 COMPILED_BEFORE_THE_FIRST_SECOND = """
+from compiled_forms import compiled_forms
 from formation_drawing import DrawnFormation, layer
-from vtff_dynamics.compiled import count_compiled_forms
-from vtff_iono.formation_ionosphere import FormationIonosphere, compile_kernels
+from vtff_iono.formation_ionosphere import FormationIonosphere
+from vtff_iono.synthetic_seconds import process_synthetic_seconds
 
 drawn = DrawnFormation(lambda t: 300e3 + 3e3 * t, layer())
 seconds = list(drawn.seconds(12.0, 0.5))
-compile_kernels()
-before = count_compiled_forms()
+process_synthetic_seconds(FormationIonosphere())
+before = compiled_forms()
 formation = FormationIonosphere()
 for ephemeris in drawn.ephemerides(12.0):
     formation.add_ephemeris(ephemeris)
 results = [formation.process(second) for second in seconds]
 densities = [density.epoch.density for result in results for density in result.density[0]]
 assert sum(density > 0.0 for density in densities) > 5, densities
-after = count_compiled_forms()
+after = compiled_forms()
 assert len(before) > 10 and after == before, (before, after)
 """
 

@@ -30,7 +30,7 @@ import numpy.typing as npt
 from vtff_dynamics.compiled import compiled
 from vtff_dynamics.vectors import FloatArray
 
-__all__ = ["ArcNoise", "ArcOrder", "Whitening", "compile_kernels", "estimate_noise"]
+__all__ = ["ArcNoise", "ArcOrder", "Whitening", "estimate_noise"]
 
 # Candidates of the search: ratio of slow and white noise, time of the slow one, s, and the power of
 # the mapping.
@@ -312,10 +312,3 @@ def _likelihoods(residual, mapping, vertical, ratios, decay, variance):  # type:
         logarithm = logarithms[k] + np.log(products[k])
         result[0, k] = -0.5 * (logarithm + freedom * np.log(result[1, k]))
     return result
-
-
-def compile_kernels() -> None:
-    """Compile the filter, which takes a second without a cache."""
-    order = ArcOrder.of(np.zeros(1, dtype=np.int64), np.zeros(1), np.ones(1))
-    noise = estimate_noise(np.zeros(1), order, np.ones(1))
-    Whitening.of(order, noise, np.ones(1)).whiten(np.zeros((1, 1)))

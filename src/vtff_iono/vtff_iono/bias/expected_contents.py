@@ -13,7 +13,6 @@ from typing import NamedTuple
 import numpy as np
 
 from vtff_dynamics.compiled import compiled
-from vtff_dynamics.constants import WGS84_SEMI_MAJOR_AXIS
 from vtff_dynamics.frames.geodetic import geodetic_from_itrf
 from vtff_dynamics.vectors import FloatArray
 from vtff_iono.bias.altitude_shells import shell_middles, shell_paths, vertical_contents
@@ -25,7 +24,6 @@ __all__ = [
     "ExpectedContents",
     "HorizontalLayers",
     "Knots",
-    "compile_kernels",
     "pierce_offsets",
 ]
 
@@ -266,10 +264,3 @@ def _horizontal_offsets(receiver: FloatArray, point: FloatArray) -> FloatArray:
     north /= np.linalg.norm(receiver, axis=-1, keepdims=True)
     columns = (offset[:, :2] * east).sum(axis=-1), (offset * north).sum(axis=-1)
     return np.asarray(np.stack(columns, axis=-1))
-
-
-def compile_kernels() -> None:
-    """Compile the paths through shells and the columns of horizontal structure."""
-    one, offset, ray = np.ones(1), np.zeros((1, 2)), np.array([[WGS84_SEMI_MAJOR_AXIS, 0.0, 0.0]])
-    shell_paths(ray, ray / WGS84_SEMI_MAJOR_AXIS, 0.0 * one, np.array([0.0, 1.0]))
-    HorizontalLayers(offset, offset, one).columns(np.ones((1, 1)), one)

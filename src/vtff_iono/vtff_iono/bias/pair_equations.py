@@ -23,7 +23,6 @@ __all__ = [
     "IntArray",
     "PairEquations",
     "PairSolution",
-    "compile_kernels",
     "count_pairs",
     "jackknife_sigma",
     "satellite_pairs",
@@ -319,8 +318,3 @@ def jackknife_sigma(left_out: FloatArray) -> FloatArray:
         return np.full(left_out.shape[1], np.inf)
     deviation = left_out - left_out.mean(axis=0)
     return np.asarray(np.sqrt((count - 1) / count * (deviation**2).sum(axis=0)))
-
-
-def compile_kernels() -> None:
-    """Compile the normal equations, which takes a second without a cache."""
-    _normal_equations(np.zeros((0, 1)), np.zeros(0), np.zeros(0), np.zeros(0, dtype=np.intp))

@@ -28,7 +28,7 @@ from scipy.linalg import lapack
 from vtff_dynamics.compiled import compiled
 from vtff_dynamics.vectors import FloatArray
 
-__all__ = ["NormalEquations", "ProfileSolution", "compile_kernels", "solve_profile"]
+__all__ = ["NormalEquations", "ProfileSolution", "solve_profile"]
 
 # Largest number of steps; they end when the next step would gain less than this, in twice the
 # logarithm of the posterior density.
@@ -347,9 +347,3 @@ def _solve_transposed(factor: FloatArray, right: FloatArray) -> FloatArray:
     """Return right sides (n, k) divided by a transposed factor, (n, k)."""
     solution: FloatArray = lapack.dtrtrs(factor, right, trans=1)[0]
     return solution
-
-
-def compile_kernels() -> None:
-    """Compile the curvature."""
-    one = np.ones((1, 1))
-    _curvature(one, np.ones(1), one)

@@ -14,7 +14,7 @@ import numpy.typing as npt
 from vtff_dynamics.compiled import compiled
 from vtff_dynamics.vectors import FloatArray
 
-__all__ = ["SingleColumns", "compile_kernels"]
+__all__ = ["SingleColumns"]
 
 
 class SingleColumns(NamedTuple):
@@ -82,11 +82,3 @@ def _products_of_columns(column, value, size):  # type: ignore[no-untyped-def]
                     value[row, kind] * value[row, other]
                 )
     return product
-
-
-def compile_kernels() -> None:
-    """Compile the products."""
-    single = SingleColumns(np.zeros((1, 1), dtype=np.int64), np.ones((1, 1)), 1)
-    single.times(np.ones(1))
-    single.times_rows(np.ones((1, 1)))
-    single.squares()

@@ -19,7 +19,6 @@ from vtff_iono.links.windows import WindowBuffer
 __all__ = [
     "SecondAverage",
     "SecondMeans",
-    "compile_kernels",
     "differential_stec",
     "horizontal_sigma",
     "vertical_content",
@@ -220,10 +219,3 @@ def _means_by_number(time, number, columns, fewest):  # type: ignore[no-untyped-
             total = sums[kept[place_of_mean], column]
             means[column, place_of_mean] = total / samples[kept[place_of_mean]]
     return float(time[0]) + elapsed / epochs, found[kept], means, samples[kept]
-
-
-def compile_kernels() -> None:
-    """Compile the means of a second."""
-    none = np.zeros(1, dtype=np.int64)
-    _means_by_number(none, none, np.zeros((1, 1)), 1)
-    horizontal_sigma(np.zeros(2), np.ones(3), np.ones(3), np.zeros(3))

@@ -53,7 +53,7 @@ from vtff_iono.density.filter.kernels import (
 from vtff_iono.density.filter.settings import DensitySettings, filter_settings
 from vtff_iono.density.filter.slow_errors import SlowErrors
 
-__all__ = ["DensityEpoch", "ElectronDensityEstimator", "compile_kernels"]
+__all__ = ["DensityEpoch", "ElectronDensityEstimator"]
 
 # TECU; a constant that is known to less is told apart from the next pair of integers, see
 # `DensitySettings.outlier_tecu`.
@@ -488,17 +488,3 @@ def _epoch(
         bias_tecu=bias,
         bias_sigma_tecu=bias_sigma,
     )
-
-
-def compile_kernels() -> None:
-    """Compile the steps of the filter, which takes seconds without a cache."""
-    estimator = ElectronDensityEstimator()
-    elevation = np.linspace(0.5, 1.5, 6)
-    contents, sigma, satellites = np.zeros(6), np.full(6, 0.01), list(range(6))
-    altitudes, elevations = (400e3, 401e3), (elevation, elevation)
-    for time in range(2):
-        estimator.update(time, *altitudes, *elevations, contents, sigma, 10.0, 1.0, satellites)
-        estimator.predicted_stec(time, *altitudes, *elevations, satellites)
-    # Contents are predicted after a second without any, too.
-    estimator.find_outliers(*estimator.predicted_stec(2.0, *altitudes, *elevations, satellites))
-    estimator.past_density(1.0, *altitudes, *elevations, contents, sigma, satellites)

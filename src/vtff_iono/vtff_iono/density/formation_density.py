@@ -22,7 +22,6 @@ from vtff_dynamics.frames.geodetic import geodetic_from_itrf
 from vtff_dynamics.vectors import FloatArray
 from vtff_gnss.constants import SYSTEM_GPS
 from vtff_gnss.signals import SignalKey, carrier_frequency_hz
-from vtff_iono.density import differential_tec, electron_density
 from vtff_iono.density.common_samples import NO_LINK, CommonSamples, common_samples
 from vtff_iono.density.constant_check import ConstantCheck
 from vtff_iono.density.differential_tec import (
@@ -49,7 +48,7 @@ from vtff_iono.density.fluctuations import (
     weigh_contents,
 )
 from vtff_iono.density.integer_datum import IntegerDatum
-from vtff_iono.density.integer_judgement import find_wrong_integers, first_measured
+from vtff_iono.density.integer_judgement import find_wrong_integers
 from vtff_iono.density.integer_resolution import FloatingContent, IntegerResolver
 from vtff_iono.density.link_means import LinkMeans, StretchRows
 from vtff_iono.density.phase_differences import ReceiverSamples, phase_differences
@@ -60,7 +59,7 @@ from vtff_iono.links.signal_pairs import Link
 from vtff_iono.spacecraft.formation_second import PairSecond, Track
 from vtff_iono.spacecraft.spacecraft_ionosphere import SpacecraftResult
 
-__all__ = ["DensityResult", "FormationDensity", "compile_kernels"]
+__all__ = ["DensityResult", "FormationDensity"]
 
 IntArray = npt.NDArray[np.int64]
 
@@ -890,22 +889,3 @@ def _vertical_content(result: SpacecraftResult) -> tuple[float, float]:
         float(epoch.vertical_sigma_tecu),
     )
     return content, sigma
-
-
-def compile_kernels() -> None:
-    """Compile what a second of links with integers needs, which takes seconds without a cache."""
-    electron_density.compile_kernels()
-    differential_tec.compile_kernels()
-    links = 3
-    table, samples = empty_fluctuations(), np.full(links, 20)
-    columns, prn, values = np.zeros((8, links)), np.arange(links), np.ones(links)
-    sigma = weigh_contents(table, prn, samples, columns, 1.0)
-    raise_doubted(table, prn, np.ones(links, dtype=bool), columns, sigma, 1.0, 1.0, 1.0)
-    measure_fades(table, prn, samples, columns, values, sigma)
-    last = LastErrors(prn, np.zeros((links, 2)), values)
-    add_changes(table, prn, samples, columns, last, last, 1.0)
-    mean_over_scatter(table)
-    no_outlier, measured = np.zeros(links, dtype=bool), first_measured()
-    find_wrong_integers(columns, samples, values, values, sigma, no_outlier, measured, *[1.0] * 6)
-    no_reason = np.zeros(links, dtype=np.uint16)
-    vertical_content(no_reason, values, values, values, values, 1.0)

@@ -31,7 +31,6 @@ __all__ = [
     "WallFit",
     "Window",
     "WindowSatellite",
-    "compile_kernels",
     "difference_and_mean",
     "fit_line",
     "fit_widths",
@@ -455,8 +454,3 @@ def _changes(path, vertical, samples):  # type: ignore[no-untyped-def]
             changes[number, 0, row] = deputy - chief
             changes[number, 1, row] = 0.5 * (chief + deputy)
     return changes
-
-
-def compile_kernels() -> None:
-    """Compile what walls add to contents, which would delay the first wall."""
-    _changes(np.ones((2, 1)), np.ones((1, 2, 1)), np.zeros(1, dtype=np.int64))

@@ -24,7 +24,7 @@ from vtff_iono.geometry.mapping import mapping_factor
 from vtff_iono.scintillation.indices import linear_power, noise_s4
 from vtff_iono.spacecraft.spacecraft_ionosphere import SpacecraftSeries
 
-__all__ = ["ContentRates", "RayGroups", "RayQuantities", "compile_kernels", "variance_ratios"]
+__all__ = ["ContentRates", "RayGroups", "RayQuantities", "variance_ratios"]
 
 IntArray = npt.NDArray[np.int64]
 
@@ -456,35 +456,3 @@ def _recent_rates(  # type: ignore[no-untyped-def]
                 table[count] = rates
                 count += 1
     return numbers[:count].copy(), table[:count].copy()
-
-
-def compile_kernels() -> None:
-    """Compile what the first seconds of rays need, which takes seconds without a cache."""
-    first_row, link = np.array([0, 2]), np.zeros(2, dtype=np.int64)
-    order, groups = _group_rows(first_row, link, 1)
-    first, second, link = groups[0], groups[1, :-1], groups[2, :-1]
-    time, values = np.array([0, NANOSECONDS_PER_SECOND]), np.zeros(2)
-    arc, satellite = np.ones(2, dtype=np.int64), np.zeros(1, dtype=np.int64)
-    _choose_rays(
-        first_row, time, values, order, first, second, satellite, 0.0, _FEWEST_EPOCHS, _COVERAGE
-    )
-    rates = ContentRates(0.0)
-    rates._make_room(1)
-    _content_changes(
-        first_row,
-        time,
-        np.ones(1, dtype=bool),
-        order,
-        first,
-        second,
-        link,
-        arc,
-        values,
-        values,
-        0.0,
-        _FEWEST_RATES,
-        rates._last_second,
-        rates._last_content,
-    )
-    one, end = np.ones(1), np.zeros(1, dtype=np.int64)
-    _recent_rates(link, np.array([0, 1]), end, one, one, one, rates._ends, rates._rates)

@@ -17,7 +17,6 @@ __all__ = [
     "SAMPLE_COLUMNS",
     "SMOOTH_WALL",
     "WALL",
-    "compile_kernels",
     "factorise_errors",
     "fit_means",
     "fit_wall",
@@ -348,9 +347,3 @@ def fit_means(  # type: ignore[no-untyped-def]
     variance *= max(1.0, misfit / freedom)
     sigma = math.sqrt(variance)
     return True, solution[0], solution[1], solution[2], sigma, misfit, freedom, correlation
-
-
-def compile_kernels() -> None:
-    """Compile `fit_wall`, which takes seconds without a cache and would delay the first wall."""
-    samples, slow = np.zeros((0, SAMPLE_COLUMNS)), np.zeros((0, 0))
-    fit_wall(samples, slow, 1.0, 0.0, 1.0, 0.0, 1.0, 1.0, 1.0, 1, 0, 1, WALL)

@@ -7,7 +7,6 @@ import numpy as np
 from vtff_dynamics.compiled import compiled
 from vtff_iono.edges.wall_fit import (
     FEWEST_SAMPLES,
-    SAMPLE_COLUMNS,
     WALL,
     factorise_errors,
     fit_means,
@@ -20,7 +19,6 @@ __all__ = [
     "FEWEST_AT_END",
     "MEANS",
     "STEEPEST",
-    "compile_kernels",
     "find_walls",
     "fit_places",
 ]
@@ -215,11 +213,3 @@ def fit_places(  # type: ignore[no-untyped-def]
                         fit[0], fit[1], fit[2] = level, change, sigma
                         fit[3], fit[4], fit[5] = misfit, freedom, correlation
     return fits
-
-
-def compile_kernels() -> None:
-    """Compile the search, which takes seconds without a cache and would delay the first wall."""
-    samples, slow, some = np.zeros((1, SAMPLE_COLUMNS)), np.zeros((1, 0)), np.ones(1)
-    find_walls(samples, slow, 1.0, 1.0, 1.0, some, some, np.zeros(1), 0.0, False, 1, 5.0, 0.15)
-    one = np.ones(1, dtype=np.int64)
-    fit_places(samples, slow, 1.0, some, 1.0, some, 1.0, 1.0, 1, one, one)

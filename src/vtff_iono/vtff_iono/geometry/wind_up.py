@@ -23,7 +23,7 @@ from vtff_gnss import wind_up
 from vtff_gnss.orbits.line_of_sight import ellipsoid_normal
 from vtff_iono.geometry.mapping import distinct_positions
 
-__all__ = ["WindUpCounter", "compile_kernels", "count_wind_up", "wind_up_cycles"]
+__all__ = ["WindUpCounter", "count_wind_up", "wind_up_cycles"]
 
 
 def wind_up_cycles(
@@ -121,9 +121,3 @@ def _count_cycles(link, arc, cycles, arcs, of_arcs):  # type: ignore[no-untyped-
         of_arcs[1, number] = now + np.rint(of_arcs[1, number] - now)
         counted[row] = of_arcs[1, number] - of_arcs[0, number]
     return counted
-
-
-def compile_kernels() -> None:
-    """Compile the count of turns."""
-    none = np.zeros(0, dtype=np.int64)
-    WindUpCounter().count(none, none, np.zeros(0))

@@ -130,9 +130,3 @@ def _cubic_weights(time, begin, end):  # type: ignore[no-untyped-def]
         weights[row, 2] = -first * to_last * (to_first * to_first)
         weights[row, 3] = first * (to_last * to_last) * to_first
     return weights
-
-
-def compile_kernels() -> None:
-    """Compile the interpolation of a track."""
-    state = np.zeros(6)
-    Track(((0, state), (NANOSECONDS_PER_SECOND, state))).positions(np.zeros(1, dtype=np.int64))

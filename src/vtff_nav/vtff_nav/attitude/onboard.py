@@ -7,7 +7,6 @@ and the field of the model there, the caller gives.
 from __future__ import annotations
 
 import math
-import time
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,7 +23,12 @@ from vtff_nav.attitude.determination import (
 )
 from vtff_nav.attitude.wheel_observer import WheelObserver, WheelObserverConfiguration
 
-__all__ = ["ModuleReport", "OnboardAttitude", "OnboardAttitudeEstimator", "compile_kernels"]
+__all__ = [
+    "ModuleReport",
+    "OnboardAttitude",
+    "OnboardAttitudeEstimator",
+    "process_synthetic_samples",
+]
 
 
 @dataclass(frozen=True)
@@ -187,21 +191,16 @@ class OnboardAttitudeEstimator:
         )
 
 
-def compile_kernels(body: BodyModel, filter_configuration: AttitudeFilterConfiguration) -> float:
-    """Compile the loops of the filter, or load them from the cache; return the time taken, s.
-
-    The first samples do this too; a node calls it before the first step is due. An estimator of its
-    own takes some samples of a field that turns slowly.
+def process_synthetic_samples(estimator: OnboardAttitudeEstimator) -> None:
+    """Have an estimator take some samples of a field that turns slowly; the first ones compile.
 
     Parameters
     ----------
-    body : BodyModel
-    filter_configuration : AttitudeFilterConfiguration
+    estimator : OnboardAttitudeEstimator
+        An estimator that is used for nothing else.
     """
-    begin = time.perf_counter()
     radius = 7.0e6
     state = np.array([radius, 0.0, 0.0, 0.0, math.sqrt(GM_EARTH / radius), 0.0])
-    estimator = OnboardAttitudeEstimator(body, filter_configuration)
     strength = 3e-5  # T
     for number in range(3):
         angle = 0.01 * number
@@ -209,4 +208,3 @@ def compile_kernels(body: BodyModel, filter_configuration: AttitudeFilterConfigu
         samples = np.array([field, field])
         report = ModuleReport(5.0, samples, (0.8, 0.0), 0.0, 0.0, np.array([0.1, -0.2, 0.3]))
         estimator.process(report, state, field, field)
-    return time.perf_counter() - begin

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from vtff_nav.relative.cdgps.configuration import CdgpsConfiguration
 from vtff_nav.relative.cdgps.estimator import CdgpsEstimator
 from vtff_nav.relative.common.dynamics import MotionNoise
 from vtff_nav.relative.common.estimator_setting import EstimatorSetting
-from vtff_nav.relative.integers.least_squares import compile_kernels
-from vtff_nav.relative.rehearsal import rehearse
 
 if TYPE_CHECKING:
     from vtff_nav.relative.paper.estimator import PaperEstimator
@@ -19,7 +16,7 @@ __all__ = ["make_cdgps", "make_paper"]
 
 
 def make_cdgps(setting: EstimatorSetting) -> CdgpsEstimator:
-    """Return the filter of code and phase of all signals, with integers; its kernels compiled.
+    """Return the filter of code and phase of all signals, with integers.
 
     Raises
     ------
@@ -47,9 +44,6 @@ def make_cdgps(setting: EstimatorSetting) -> CdgpsEstimator:
         antennas=setting.antennas,
         **_common(setting),
     )
-    # Seconds without a cache, which no epoch can wait.
-    compile_kernels()
-    rehearse(CdgpsEstimator(configuration), is_in_orbit=configuration.chief_motion == "orbital")
     return CdgpsEstimator(configuration)
 
 
@@ -66,9 +60,7 @@ def make_paper(setting: EstimatorSetting) -> PaperEstimator:
 
     if setting.antennas is not None and not setting.antennas.are_central:
         raise ValueError("antennas: the estimator paper takes them to be in the centres of mass")
-    configuration = PaperConfiguration(**_common(setting))
-    rehearse(PaperEstimator(replace(configuration, start_duration=3.0)))
-    return PaperEstimator(configuration)
+    return PaperEstimator(PaperConfiguration(**_common(setting)))
 
 
 def _common(setting: EstimatorSetting) -> dict[str, Any]:

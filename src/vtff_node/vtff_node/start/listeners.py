@@ -24,6 +24,9 @@ __all__ = [
 
 DIAGNOSTICS_TOPIC = "/diagnostics"
 
+#: Topics that rclpy makes for each node.
+TOPICS_OF_ALL_NODES = frozenset(("/rosout", "/parameter_events"))
+
 #: Name that ROS gives to a node whose endpoint was discovered before its name.
 UNNAMED_NODE = "_NODE_NAME_UNKNOWN_"
 

@@ -10,7 +10,12 @@ import numpy.typing as npt
 
 from vtff_dynamics.compiled import compiled
 from vtff_dynamics.vectors import FloatArray
-from vtff_gnss import constants as c
+from vtff_gnss.constants import (
+    FLAG_CODE_VALID,
+    FLAG_HALF_CYCLE_ADDED,
+    FLAG_PARITY_KNOWN,
+    FLAG_PHASE_VALID,
+)
 from vtff_sim_bridge.gnss.configuration import TrackingModel
 from vtff_sim_bridge.gnss.faults import Fault
 from vtff_sim_bridge.gnss.link_plan import Link
@@ -21,7 +26,7 @@ __all__ = ["Arc", "Tracker", "Tracks"]
 BoolArray = npt.NDArray[np.bool_]
 
 _AMBIGUITY_LIMIT = 1000
-_LOCKED = c.FLAG_CODE_VALID | c.FLAG_PHASE_VALID
+_LOCKED = FLAG_CODE_VALID | FLAG_PHASE_VALID
 
 
 @dataclass(frozen=True)
@@ -370,8 +375,8 @@ def _follow_tracks(  # type: ignore[no-untyped-def]
             cycles_out[k, m] = cycles[row]
             flags = _LOCKED
             if has_parity[row]:
-                flags |= c.FLAG_PARITY_KNOWN
+                flags |= FLAG_PARITY_KNOWN
             if is_half_added[row]:
-                flags |= c.FLAG_HALF_CYCLE_ADDED
+                flags |= FLAG_HALF_CYCLE_ADDED
             flags_out[k, m] = flags
     return epochs

@@ -40,12 +40,12 @@ from vtff_sim_bridge.simgen.emulator_state import ScenarioMachine
 from vtff_sim_bridge.simremote.motion import MotionState, VehicleMotion
 from vtff_sim_bridge.simremote.power_command import PowerCommand
 
-__all__ = ["GnssEmulation", "ReceiverSet", "compile_kernels"]
+__all__ = ["GnssEmulation", "ReceiverSet", "measure_synthetic_second"]
 
 LOGGER = logging.getLogger("simgen_emulator")
 
 _WHOLE_SECOND = slice(0, EPOCHS_PER_SECOND)
-_REHEARSED_MOTION = MotionState((6.9e6, 0.0, 0.0), (0.0, 5.2e3, 5.2e3), (-7.5, 0.0, 0.0))
+_SYNTHETIC_MOTION = MotionState((6.9e6, 0.0, 0.0), (0.0, 5.2e3, 5.2e3), (-7.5, 0.0, 0.0))
 
 
 class ReceiverSet:
@@ -178,13 +178,10 @@ def _measure(
     return receiver.measure(second, emitted, vehicle_track(motion, second, emitted, antenna))
 
 
-def compile_kernels(configuration: GnssConfiguration) -> None:
-    """Have a receiver measure for a second, so that all that it needs is compiled and loaded.
-
-    The first run after a change takes seconds for it, in which no command could be answered.
-    """
-    receiver = dataclasses.replace(configuration.receivers[0], name="rehearsal")
-    rehearsed = dataclasses.replace(
+def measure_synthetic_second(configuration: GnssConfiguration) -> None:
+    """Have another receiver measure for a second: the first one compiles for many seconds."""
+    receiver = dataclasses.replace(configuration.receivers[0], name="synthetic")
+    synthetic = dataclasses.replace(
         configuration,
         constellation=ConstellationConfiguration(),
         receivers=(receiver,),
@@ -194,11 +191,11 @@ def compile_kernels(configuration: GnssConfiguration) -> None:
     )
     firmware = ReceiverFirmware()
     firmware.receive(b"LOG RANGEB ONTIME 0.05\rLOG BESTXYZB ONTIME 1\rLOG TIMEB ONTIME 1\r")
-    state = _REHEARSED_MOTION
+    state = _SYNTHETIC_MOTION
     motion = VehicleMotion()
     motion.command(0, state)
     receivers = ReceiverSet(
-        rehearsed,
+        synthetic,
         {receiver.name: firmware},
         GpsTime(0),
         GpsTime(NANOSECONDS_PER_SECOND),
@@ -261,7 +258,7 @@ class GnssEmulation:
                 )
             if link_directory is None and receiver.tcp_port is None:
                 raise ValueError(f"receiver {receiver.name}: neither link directory nor tcp_port")
-        compile_kernels(configuration)
+        measure_synthetic_second(configuration)
         self._machine = machine
         self._configuration = configuration
         self._links = None if link_directory is None else Path(link_directory)

@@ -15,7 +15,6 @@ modified LAMBDA method for integer least-squares estimation", J. Geodesy 79, 552
 from __future__ import annotations
 
 import enum
-import time
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -30,7 +29,6 @@ __all__ = [
     "IntegerSolution",
     "IntegerStatus",
     "bootstrapped_success_rate",
-    "compile_kernels",
     "component_success_rates",
     "decorrelate",
     "search",
@@ -301,16 +299,6 @@ def search(
     integers = found.candidates @ decorrelation.inverse_transposed.T + whole.astype(np.int64)
     order = _order_of_ties(found.squared_norms, integers)
     return replace(found, candidates=integers[order])
-
-
-def compile_kernels() -> float:
-    """Compile the kernels of `search`, or load them from the cache; return the time taken, s.
-
-    The first search does this too; a node calls it before the first epoch is due.
-    """
-    begin = time.perf_counter()
-    search([0.3, 0.4], [[1.0, 0.9], [0.9, 1.0]])
-    return time.perf_counter() - begin
 
 
 def _ratio(squared_norms: FloatArray) -> float:
