@@ -16,9 +16,10 @@ from sample_files import export_sample
 from shared_data import require_shared
 from typer.testing import CliRunner
 
+from vtff_analysis.baseline.bag_sources import from_bag
 from vtff_analysis.baseline.output import write_csv, write_epochs, write_plot
 from vtff_analysis.baseline.processing import BaselineOptions, BaselineRun, process_baseline
-from vtff_analysis.baseline.sources import BaselineError, TrueBaseline, from_bag, from_files
+from vtff_analysis.baseline.sources import BaselineError, TrueBaseline, from_files
 from vtff_analysis.baseline.summary import summarise
 from vtff_analysis.baseline.truth import errors_local
 from vtff_bag.file.message_definitions import message_definition

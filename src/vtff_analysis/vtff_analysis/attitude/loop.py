@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from vtff_control.attitude.controller import (
+    MODES,
     AttitudeCommand,
     AttitudeControlConfiguration,
     AttitudeController,
@@ -299,8 +300,6 @@ class AttitudeHistory:
 
     def set_row(self, row: int, loop: AttitudeLoop, step: LoopStep) -> None:
         """Fill a row with a step of a loop."""
-        from vtff_control.attitude.controller import MODES
-
         truth, orbit = step.truth, loop.track.state_gcrf(loop.number)
         self.time[row] = loop.time
         self.angles_deg[row] = np.degrees(

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
+from rclpy.serialization import deserialize_message
 
 from vtff_bag.file.errors import BagError
+from vtff_bag.file.message_definitions import message_class
 from vtff_bag.file.reader import BagReader
 from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
 from vtff_dynamics.vectors import FloatArray
@@ -70,10 +72,6 @@ def _read_powers(
     reader: BagReader, topic: str, start: int, end: int
 ) -> dict[int, dict[Satellite, float]]:
     """Return linear C/N0 of L1 by time (ns since 1970) and satellite."""
-    from rclpy.serialization import deserialize_message
-
-    from vtff_bag.file.message_definitions import message_class
-
     message_type = message_class(reader.topics[topic].type)
     powers = {}
     for raw in reader.raw_messages([topic], start, end):

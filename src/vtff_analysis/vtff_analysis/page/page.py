@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import jinja2
+from PIL import Image
 
 from vtff_analysis.page.citation import PAPERS
 from vtff_analysis.view.page_modules import import_map
@@ -143,9 +144,6 @@ def _lines_attribute(picture: pathlib.Path) -> str:
 
 def _encode_picture(path: pathlib.Path) -> str:
     """Return a picture in base64, with a palette: a quarter of the size, and no eye sees it."""
-    # Imported here, because not every page has pictures.
-    from PIL import Image
-
     with Image.open(path) as picture:
         plain = picture.convert("RGB")
     reduced = plain.quantize(_COLOURS, method=Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE)

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from rclpy.serialization import deserialize_message
 
 from vtff_analysis.recordings.attitude import AttitudeCollector
 from vtff_analysis.recordings.guidance import GUIDANCE_TOPIC, GuidanceCollector
@@ -135,8 +136,6 @@ def read_run(bag: pathlib.Path) -> RunHistory:
 
 
 def _make_decoder(message_type: Any, handler: Handler) -> Callable[[RawMessage], None]:
-    from rclpy.serialization import deserialize_message
-
     def decode(raw: RawMessage) -> None:
         handler(deserialize_message(raw.serialized, message_type))
 

@@ -12,6 +12,7 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
+from scipy.stats import rankdata
 
 from vtff_analysis.plot_style import AXIS_COLOURS, MARK_COLOUR, STYLE, make_figure
 from vtff_analysis.studies.figures import describe_name
@@ -67,8 +68,6 @@ def association(driver: Column, figure: Column) -> float:
         Spearman's rank correlation, -1 to 1; of an input of texts the correlation ratio of the
         ranks, 0 to 1. NaN where one of them is constant or fewer than three cases have both.
     """
-    from scipy.stats import rankdata  # half a second of import, needed at the end only
-
     both = np.isfinite(driver.values) & np.isfinite(figure.values)
     first, second = driver.values[both], rankdata(figure.values[both])
     if len(second) < 3 or np.ptp(first) == 0.0 or np.ptp(second) == 0.0:

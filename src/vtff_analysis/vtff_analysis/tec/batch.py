@@ -8,15 +8,17 @@ import multiprocessing
 import os
 import pathlib
 import signal
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from vtff_analysis.recordings.run_place import find_run
+from vtff_analysis.tec.bag_sources import bag_receivers, from_bag
 from vtff_analysis.tec.errors import TecError
 from vtff_analysis.tec.output import summarise_result, write_tables
-from vtff_analysis.tec.processing import process
+from vtff_analysis.tec.processing import TecResult, process
 from vtff_analysis.tec.receiver_orbit import ReceiverOrbit
-from vtff_analysis.tec.sources import bag_receivers, from_bag, from_file, is_bag
+from vtff_analysis.tec.sources import from_file, is_bag
 from vtff_bag.file.errors import BagError
 from vtff_gnss.files.navigation_files import NavigationFiles
 from vtff_gnss.files.observation_files import ObservationFileError
@@ -64,8 +66,9 @@ class TecOptions:
         Orbit of the receiver.
     allow_old_biases : bool
         Whether biases of another time are used.
-    plots : bool
-        Whether plots are drawn.
+    draw : callable, optional
+        Function that draws the plots of a result into a folder under a name
+        (`vtff_analysis.tec.plots.write_plots`); without it none are drawn.
     systems : str or None
         RINEX letters of the systems that are used; None for all.
     """
@@ -77,7 +80,7 @@ class TecOptions:
     partial: bool = False
     orbit: ReceiverOrbit | None = None
     allow_old_biases: bool = False
-    plots: bool = True
+    draw: Callable[[TecResult, pathlib.Path, str], object] | None = None
     systems: str | None = None
 
 
@@ -100,10 +103,6 @@ def find_tasks(paths: Sequence[pathlib.Path]) -> list[TecTask | TecOutcome]:
         # Files of one name in two folders must not overwrite each other's tables.
         names[name] += 1
         return TecTask(path, receiver, name if names[name] == 1 else f"{name}_{names[name]}")
-
-    # Imported here, because it needs rclpy, which files do not.
-    if any(is_bag(path) for path in paths):
-        from vtff_analysis.recordings.run_place import find_run
 
     for path in paths:
         if not is_bag(path):
@@ -142,11 +141,8 @@ def _run_task(task: TecTask, options: TecOptions) -> TecOutcome:
         return TecOutcome(task, error=_describe_error(error, task.path))
     try:
         write_tables(result, options.folder, task.name, options.form)
-        if options.plots:
-            # Imported here: matplotlib takes half a second.
-            from vtff_analysis.tec.plots import write_plots
-
-            write_plots(result, options.folder, task.name)
+        if options.draw is not None:
+            options.draw(result, options.folder, task.name)
     except OSError as error:
         message = _describe_error(error, options.folder)
         return TecOutcome(task, error=message, is_unwritten=True)

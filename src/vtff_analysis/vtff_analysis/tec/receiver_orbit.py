@@ -6,10 +6,12 @@ import contextlib
 import math
 import pathlib
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING
 
+import brahe.ccsds
 import numpy as np
 import numpy.typing as npt
+from brahe import BraheError
+from scipy.interpolate import CubicSpline
 
 from vtff_analysis.tec.errors import TecError
 from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
@@ -25,10 +27,12 @@ from vtff_gnss.orbits.sp3 import Sp3File, is_sp3, parse_sp3
 from vtff_gnss.rinex.compressed_file import read_decompressed
 from vtff_gnss.rinex.errors import RinexError
 from vtff_gnss.signals import satellite_number
-
-if TYPE_CHECKING:
-    from vtff_nav.relative.common.measurements import SignalReader
-    from vtff_nav.relative.common.orbit_single_point import SinglePoint
+from vtff_nav.relative.common.measurements import MeasurementNoise, SignalReader, satellite_mask
+from vtff_nav.relative.common.orbit_single_point import (
+    SinglePoint,
+    form_combinations,
+    solve_single_point,
+)
 
 __all__ = ["ReceiverOrbit", "open_receiver_orbit", "orbit_from_fixes", "positions_from_codes"]
 
@@ -46,9 +50,6 @@ _OEM_MARK = b"CCSDS_OEM_VERS"
 
 def _fit_spline(seconds: FloatArray, positions: FloatArray) -> Callable[[FloatArray], FloatArray]:
     """Return the cubic spline through positions, shape (n, 3), at increasing times, shape (n,)."""
-    # Imported here: it takes a seventh of the processing of a station, whose position is stated.
-    from scipy.interpolate import CubicSpline
-
     spline: Callable[[FloatArray], FloatArray] = CubicSpline(seconds, positions)
     return spline
 
@@ -156,9 +157,6 @@ def _from_sp3(file: Sp3File) -> ReceiverOrbit:
 
 
 def _from_oem(path: pathlib.Path, content: bytes) -> ReceiverOrbit:
-    import brahe.ccsds  # here, because it takes a while and few files need it
-    from brahe import BraheError
-
     try:
         segments = brahe.ccsds.OEM.from_str(content.decode("ascii", "replace")).segments
         if len({segment.object_id for segment in segments}) != 1:
@@ -219,9 +217,6 @@ def positions_from_codes(
     system = next((system for system in _BANDS if system in orbits), None)
     if system is None:
         raise TecError("no orbits of GPS or Galileo, from which the receiver is located")
-    # Imported here, because most receivers state where they are.
-    from vtff_nav.relative.common.measurements import MeasurementNoise, SignalReader
-
     reader = SignalReader(MeasurementNoise(), {system: _BANDS[system]})
     seconds = 1e-9 * (table.time_nanoseconds - table.time_nanoseconds[0])
     points: list[tuple[float, SinglePoint]] = []
@@ -256,9 +251,6 @@ def _position_from_codes(
     reader: SignalReader,
     nearby: FloatArray | None,
 ) -> SinglePoint | None:
-    from vtff_nav.relative.common.measurements import satellite_mask
-    from vtff_nav.relative.common.orbit_single_point import form_combinations, solve_single_point
-
     epoch = table.epoch(index)
     satellites = orbits.table(epoch.time)
     if len(satellites) == 0:

@@ -9,6 +9,8 @@ import re
 from collections.abc import Callable
 from typing import Any
 
+from rclpy.serialization import deserialize_message
+
 from vtff_analysis.view.regions import add_dip_equator, irregularity_regions
 from vtff_analysis.view.scene import Scene
 from vtff_analysis.view.scene_builder import SceneBuilder, sample_interval
@@ -78,8 +80,6 @@ def _make_decoders(
     reader: BagReader, builder: SceneBuilder, scene: Scene
 ) -> dict[str, Callable[[bytes], Any]]:
     """Return the decoder of each topic that the scene shows."""
-    from rclpy.serialization import deserialize_message
-
     decoders: dict[str, Callable[[bytes], Any]] = {}
     for topic in reader.topics.values():
         fix = _FIX_TOPIC.match(topic.name)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import struct
 from typing import Any
 
-from vtff_bag.file.message_definitions import message_class
+from vtff_bag.file.message_definitions import deserialize, message_class
 
 __all__ = ["have_equal_content", "read_content"]
 
@@ -33,11 +33,8 @@ def have_equal_content(first: bytes, second: bytes, type_name: str) -> bool:
         return True
     if len(first) != len(second):
         return False
-    # Imported here, so that bags can be read without ROS.
-    from rclpy.serialization import deserialize_message
-
     kind = message_class(type_name)
-    left, right = (read_content(deserialize_message(message, kind)) for message in (first, second))
+    left, right = (read_content(deserialize(message, kind)) for message in (first, second))
     return bool(left == right)
 
 

@@ -76,6 +76,14 @@ def message_class(type_name: str) -> Any:
         ) from error
 
 
+def deserialize(serialized: bytes, message_type: Any) -> Any:
+    """Return a message of a class from its CDR bytes; needs rclpy and raises its exceptions."""
+    # Imported here, so that bags can be inspected on a machine without ROS.
+    from rclpy.serialization import deserialize_message
+
+    return deserialize_message(serialized, message_type)
+
+
 def installed_type_hash(type_name: str) -> str:
     """Return the ``RIHS01_...`` hash of an installed message type; '' if its package has none.
 

@@ -21,7 +21,7 @@ from vtff_bag.file import mcap_blocks
 from vtff_bag.file import metadata as bag_metadata
 from vtff_bag.file.errors import BagError, BagReadError
 from vtff_bag.file.mcap_blocks import Block, FileContent
-from vtff_bag.file.message_definitions import message_class
+from vtff_bag.file.message_definitions import deserialize, message_class
 from vtff_bag.file.metadata import BagMetadata, TopicInformation
 
 SUFFIX = ".mcap"
@@ -171,12 +171,9 @@ class BagReader:
 
     def decoded(self, raw: RawMessage) -> DecodedMessage:
         """Return a deserialised message; needs rclpy, raises as `messages`."""
-        # Imported here, so that a bag can be inspected on a machine without ROS.
-        from rclpy.serialization import deserialize_message
-
         class_of_topic = message_class(raw.type)
         try:
-            message = deserialize_message(raw.serialized, class_of_topic)
+            message = deserialize(raw.serialized, class_of_topic)
         except Exception as error:  # rclpy raises its own and C++ exceptions here
             raise BagReadError(
                 f"{self.path}: topic '{raw.topic}': a message at {raw.log_time} ns is not a "

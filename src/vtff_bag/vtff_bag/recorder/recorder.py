@@ -12,6 +12,8 @@ import time
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+
 from vtff_bag.file.errors import BagWriteError, UnknownTypeError
 from vtff_bag.file.message_definitions import (
     first_field_type,
@@ -23,10 +25,11 @@ from vtff_bag.file.writer import BagWriter
 from vtff_bag.recorder.expected_nodes import ExpectedNodes
 from vtff_bag.recorder.offered_qos import qos_entries, strongest_common
 from vtff_bag.recorder.recording_rules import Acknowledger, ScenarioTime, TopicSelection
+from vtff_node.samples import SampleError, SampleReader
 from vtff_node.start.listeners import DIAGNOSTICS_TOPIC, read_listeners
 from vtff_node.start.unannounced import take_unannounced
 
-#: Topic on which nodes state which nodes hear them, and its type.
+#: Type of the messages in which nodes state which nodes hear them.
 DIAGNOSTICS_TYPE = "diagnostic_msgs/msg/DiagnosticArray"
 
 SUBSCRIPTION_DEPTH = 5000  # messages of a topic that may wait for the recorder
@@ -260,9 +263,6 @@ class Recorder:
         """Take what a node states about its topics, until all are heard."""
         if self.stable:
             return
-        # Imported here, so that the rules of the recorder can be tested without ROS.
-        from vtff_node.samples import SampleError, SampleReader
-
         try:
             message = SampleReader(message_class(DIAGNOSTICS_TYPE)).read(serialized)
         except SampleError as error:
@@ -282,9 +282,6 @@ class Recorder:
         self._node.get_logger().warning(text)
 
     def _subscribe(self, class_of_topic: Any, topic: _RecordedTopic) -> Any:
-        # Imported here, so that the rules of the recorder can be tested without ROS.
-        from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
-
         reliability = (
             ReliabilityPolicy.RELIABLE if topic.reliable else ReliabilityPolicy.BEST_EFFORT
         )

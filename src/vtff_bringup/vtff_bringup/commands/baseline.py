@@ -191,7 +191,8 @@ def _read_sources(
     names: tuple[str, str],
     bar: Progress,
 ) -> BaselineSources:
-    from vtff_analysis.baseline.sources import BaselineError, from_bag, from_files
+    from vtff_analysis.baseline.bag_sources import from_bag
+    from vtff_analysis.baseline.sources import BaselineError, from_files
     from vtff_bag.file.reader import BagReader
 
     task = bar.add_task("reading", total=None)

@@ -97,6 +97,8 @@ def tec(
     vtff tec leo.10o --nav igs.sp3 --orbit leo.sp3 --biases P1P2.DCB --biases P1C1.DCB
     """
     # Imported here, because numpy, compiled loops and matplotlib take a while.
+    from rich.progress import Progress
+
     from vtff_analysis.page.results import Section, write_results
     from vtff_analysis.tec.batch import TecOptions, TecOutcome, find_tasks, run_tasks
     from vtff_analysis.tec.output import summary_rows, write_summary
@@ -104,6 +106,8 @@ def tec(
     from vtff_bag.run.folder import output_folder, remove_if_empty
     from vtff_gnss.files.navigation_files import open_navigation
 
+    if plots:
+        from vtff_analysis.tec.plots import write_plots
     console = make_console()
     with _exit_on_bad_file(console):
         if systems is not None:
@@ -128,10 +132,9 @@ def tec(
         partial,
         receiver_orbit,
         allow_old_biases,
-        plots,
+        write_plots if plots else None,
         systems,
     )
-    from rich.progress import Progress
 
     with (
         run_tasks(tasks, options) as outcomes,
