@@ -18,10 +18,7 @@ def test_biases_that_are_estimated_or_not_yet_due_are_no_warning():
     assert describe_receiver_biases(both, 600.0) == (diagnostics.OK, "receiver biases estimated")
     level, text = describe_receiver_biases(both | {"deputy": spacecraft({}, None)}, 600.0)
     assert level == diagnostics.OK
-    assert text == (
-        "no receiver bias of deputy yet: the first estimate follows 600 s after the first "
-        "observation (parameter 'bias_delay')"
-    )
+    assert "deputy" in text and "600 s" in text and "'bias_delay'" in text
 
 
 def test_an_estimate_that_fails_is_a_warning_with_its_reason():

@@ -81,9 +81,9 @@ def test_a_step_also_waits_for_its_data():
     bench.acknowledge(SECOND, "/a", "/b", "/recorder")
     assert not bench.source.is_complete
     bench.now = 30.1
-    assert bench.source.describe_hanging_step() == (
-        "step 0 was not finished within 30 s (start_timeout); waiting for thrust on /deputy"
-    )
+    text = bench.source.describe_hanging_step()
+    for part in ("step 0", "30 s (start_timeout)", "waiting for thrust on /deputy"):
+        assert part in text
     awaited.clear()
     assert bench.source.is_complete
     assert bench.source.describe_hanging_step() == ""
@@ -97,10 +97,9 @@ def test_patience_is_longer_in_the_first_step_and_missing_nodes_are_named():
     bench.now = 130.0
     assert bench.source.describe_hanging_step() == ""
     bench.now = 130.1
-    assert bench.source.describe_hanging_step() == (
-        "step 0 was not finished within 30 s (start_timeout); waiting for /b (never answered); "
-        "not in the graph: /b"
-    )
+    text = bench.source.describe_hanging_step()
+    for part in ("step 0", "30 s (start_timeout)", "/b (never answered)", "not in the graph: /b"):
+        assert part in text
     bench.acknowledge(SECOND, "/b")
     bench.node.present = ("/a", "/b", "/recorder")
     bench.source.begin(2 * SECOND)
@@ -108,9 +107,10 @@ def test_patience_is_longer_in_the_first_step_and_missing_nodes_are_named():
     bench.now = 135.1
     assert bench.source.describe_hanging_step() == ""
     bench.now = 135.2
-    assert bench.source.describe_hanging_step() == (
-        "step 1 was not finished within 5 s (step_timeout); waiting for /b (last did step 0)"
-    )
+    text = bench.source.describe_hanging_step()
+    for part in ("step 1 ", "5 s (step_timeout)", "/b (last did step 0)"):
+        assert part in text
+    assert "not in the graph" not in text
 
 
 def test_a_complete_step_never_hangs():
@@ -127,10 +127,9 @@ def test_a_zero_stamp_reports_that_a_node_is_ready(lockstep):
     assert bench.node.subscriptions == [(StepDone, "/sim/step_done", True)]
     bench.acknowledge(0, "/a", "/stranger")
     assert bench.source.unprepared == {"/b", "/c"}
-    assert bench.source.describe_unprepared_nodes() == (
-        "within 30 s (start_timeout) /b did not report ready and /c is not in the graph; "
-        "the logs and /diagnostics of these nodes say why, or the machine is busy"
-    )
+    text = bench.source.describe_unprepared_nodes()
+    for part in ("30 s (start_timeout)", "/b did not report ready", "/c is not in the graph"):
+        assert part in text
     assert bench.acknowledged == 0
 
 

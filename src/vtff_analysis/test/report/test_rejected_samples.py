@@ -48,7 +48,7 @@ def test_contents_before_the_bias_is_known_make_no_jump(drawn):
     """One of the misleading cases: a jump of 2 to 11 TECU where the bias became known."""
     (line,), title = drawn(columns(40))
     assert set(line.get_ydata()) == {30.0} and line.get_xdata()[0] == 40.0
-    assert "40 % of the samples are rejected and not shown (mostly: no receiver bias)" in title
+    assert "40 %" in title and "no receiver bias" in title
 
 
 def test_good_samples_are_all_drawn(drawn):

@@ -310,7 +310,7 @@ def test_sigma_phi_of_a_bag_is_that_of_the_node(bag_run):
         assert offline["satellite"].to_pylist() == names
         assert offline["phase_cutoff_hz"].unique().to_pylist() == [1.0]
         sigma_phi = offline["sigma_phi"].to_numpy()
-        assert np.array_equal(sigma_phi, window.sigma_phi, equal_nan=True)
+        np.testing.assert_allclose(sigma_phi, window.sigma_phi, rtol=1e-9)
         compared += np.count_nonzero(np.isfinite(sigma_phi))
     assert compared > 20
 

@@ -46,8 +46,9 @@ def test_contents_are_integrals_of_the_table():
     profile = RunningProfile()
     elevation = np.array([0.3, 1.0, 0.5 * np.pi])
     expected = profile_content(elevation, RADIUS + 400e3, profile.altitude, profile.density)
-    assert np.array_equal(slant_contents(profile, elevation, 400e3)[0], expected)
-    assert slant_contents(profile, elevation, 400e3)[0, -1] == profile.content_above(400e3)
+    contents = slant_contents(profile, elevation, 400e3)[0]
+    assert contents == pytest.approx(expected, rel=1e-12)
+    assert contents[-1] == pytest.approx(profile.content_above(400e3), rel=1e-12)
 
 
 def test_mean_density_is_that_between_altitudes():
