@@ -22,10 +22,14 @@ import sys
 import tempfile
 from typing import NamedTuple
 
+from tables import add_write_option, write_rows
+
 from vtff_node.plain_yaml import format_yaml, parse_yaml
 
 ROOT = pathlib.Path(__file__).resolve().parents[1]
 SYSTEMS = ROOT / "src/vtff_bringup/config/system"
+COLUMNS = ("figure", "commit 0ab621d", "vtff", "ratio", "aim")
+"""Columns of the rows that are kept."""
 SHORT, LONG = 40.0, 240.0  # s of scenario
 
 
@@ -38,13 +42,32 @@ class Mode(NamedTuple):
     arguments_of_base: tuple[str, ...]
     durations: tuple[float, ...]
     wanted: str
+    rows: tuple[tuple[str, str], tuple[str, str]]
+    """Names and aims of the rows that are kept: processor time and speed; empty: not kept."""
 
 
 MODES = (
     Mode(
-        "reference", "reference", (), (), (SHORT, LONG), "<= 0.40 of the processor, >= 2.5 x faster"
+        "reference",
+        "reference",
+        (),
+        (),
+        (SHORT, LONG),
+        "<= 0.40 of the processor, >= 2.5 x faster",
+        (
+            ("`reference`, processor of a scenario second, all processes, ms", "0.40"),
+            ("`reference`, times real time of the flight", "2.5"),
+        ),
     ),
-    Mode("one process", "reference_software", (), ("--composed",), (40000.0,), ">= 2 x faster"),
+    Mode(
+        "one process",
+        "reference_software",
+        (),
+        ("--composed",),
+        (40000.0,),
+        ">= 2 x faster",
+        (("", ""), ("software loop in one process, times real time, 40 000 s", "2")),
+    ),
     Mode(
         "a process for each node",
         "reference_software",
@@ -52,6 +75,10 @@ MODES = (
         (),
         (10000.0,),
         ">= 1.7 x faster",
+        (
+            ("", ""),
+            ("software loop, a process for each node, times real time, 10 000 s", "1.7"),
+        ),
     ),
 )
 
@@ -113,6 +140,26 @@ def measure(
     return 1e3 * processor / (durations[1] - durations[0]), flights[1].speed
 
 
+def result_rows(mode: Mode, flights: list[list[tuple[float, float]]]) -> list[list[str]]:
+    """Return the rows of a mode: processor time where it is wanted, and speed."""
+    rows = []
+    for place, (name, wanted) in enumerate(mode.rows):
+        if name:
+            base, own = ([flight[side][place] for flight in flights] for side in (0, 1))
+            ratios = [after / before for before, after in zip(base, own, strict=True)]
+            digits = 1 - place
+            rows.append(
+                [
+                    name,
+                    ", ".join(f"{value:.{digits}f}" for value in base),
+                    ", ".join(f"{value:.{digits}f}" for value in own),
+                    ", ".join(f"{value:.2f}" for value in ratios),
+                    wanted,
+                ]
+            )
+    return rows
+
+
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(
@@ -125,11 +172,15 @@ def main() -> None:
     parser.add_argument(
         "--long", type=float, default=LONG, help="s of the long run of reference (%(default)s)"
     )
+    add_write_option(parser, "speed")
     options = parser.parse_args()
+    if options.write and options.base is None:
+        parser.error("--write: --base expected")
+    rows: list[list[str]] = []
     with tempfile.TemporaryDirectory() as folder:
         own = {"reference": without_safety(folder)}
         for mode in (mode for mode in MODES if options.only in mode.name):
-            ratios = []
+            ratios, flights = [], []
             longest = options.long if mode.name == "reference" else mode.durations[-1]
             for _ in range(options.rounds):
                 line = mode.name
@@ -146,6 +197,7 @@ def main() -> None:
                 ):
                     line += f"; {name} {processor:.2f} ms a second, {speed:.0f} x"
                 if len(found) == 2:
+                    flights.append(found)
                     ratios.append((found[1][0] / found[0][0], found[1][1] / found[0][1]))
                     line += "; ratio {:.2f}, {:.2f}".format(*ratios[-1])
                 print(line, flush=True)
@@ -154,6 +206,9 @@ def main() -> None:
                     statistics.median(column) for column in zip(*ratios, strict=True)
                 )
                 print(f"{mode.name}: medians {processor:.2f}, {speed:.2f}; must be {mode.wanted}")
+                rows += result_rows(mode, flights)
+        if options.write:
+            write_rows("speed", COLUMNS, rows, "1")
 
 
 if __name__ == "__main__":

@@ -17,6 +17,7 @@ import dataclasses
 import numpy as np
 from realism.recording import DESIGN, LOGS
 from realism.worlds import CONFIG, FIRST_SECOND, calibrated_in_file
+from tables import add_write_option, write_rows
 
 from vtff_analysis.closed_loop.simulation import simulate_closed_loop
 from vtff_analysis.evaluation.deputy_pairs import normalised_error
@@ -44,6 +45,15 @@ from vtff_sim_bridge.truth.drawn_geometry import GeometryDraw
 from vtff_sim_bridge.truth.scenario import Scenario, load_scenario
 
 _DRAW = GeometryDraw(epoch_days=1.0, node=True, place_on_orbit=True)
+
+
+COLUMNS = (
+    "flights",
+    "3-D RMS of bravo, charlie, their difference, mm (worst flight)",
+    "NEES of the three",
+    "correlation R, T, N",
+)
+"""Columns of the row that is kept."""
 
 
 def make_flight(
@@ -144,6 +154,7 @@ def main() -> None:
     parser.add_argument(
         "--worse", type=float, default=1.0, help="noise of the last deputy's receiver, as a factor"
     )
+    add_write_option(parser, "deputies")
     given = parser.parse_args()
     if given.seeds < 1 or given.seconds <= FIRST_SECOND or not given.worse > 0.0:
         parser.error(f"a flight or more of more than {FIRST_SECOND} s, and a factor, expected")
@@ -164,11 +175,31 @@ def main() -> None:
         products += terms
         _print(f"{seed:4d}", row, terms)
     _print("mean", np.mean(figures, axis=0).tolist(), products)
+    if given.write:
+        name = "drawn geometry" if given.draw else "shipped geometry"
+        name += f", noise of charlie times {given.worse:g}" if given.worse != 1.0 else ""
+        mean, worst = np.mean(figures, axis=0), np.max(figures, axis=0)
+        row = [
+            name,
+            f"{_join(mean[:3], 1)} ({_join(worst[:3], 1)})",
+            _join(mean[3:], 2),
+            _join(_correlation(products), 2),
+        ]
+        last = given.first_seed + given.seeds - 1
+        write_rows("deputies", COLUMNS, [row], f"{given.first_seed} to {last}")
+
+
+def _correlation(terms: FloatArray) -> FloatArray:
+    correlation: FloatArray = terms[2] / np.sqrt(terms[0] * terms[1])
+    return correlation
+
+
+def _join(values: FloatArray, digits: int) -> str:
+    return ", ".join(f"{value:.{digits}f}" for value in values)
 
 
 def _print(label: str, row: list[float], terms: FloatArray) -> None:
-    correlation = terms[2] / np.sqrt(terms[0] * terms[1])
-    texts = [f"{value:6.2f}" for value in (*row, *correlation)]
+    texts = [f"{value:6.2f}" for value in (*row, *_correlation(terms))]
     print(
         f"{label}  {''.join(texts[:3])}     {''.join(texts[3:6])}     {''.join(texts[6:])}",
         flush=True,

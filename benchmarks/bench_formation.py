@@ -31,12 +31,16 @@ import time
 
 import numpy as np
 from bench_stages import fly as fly_processes
+from tables import add_write_option, write_rows
 
 from vtff_node.plain_yaml import format_yaml, parse_yaml
 
 SYSTEM = "formation_software"
 CONFIG = pathlib.Path(__file__).resolve().parents[1] / "config"
 SHORT = 50  # s of scenario; what a run takes to start cancels in the difference
+
+COLUMNS = ("spacecraft", "processor of a second, ms", "a spacecraft, ms", "times real time")
+"""Columns of the rows that are kept."""
 
 
 def fixed_calculation() -> float:
@@ -120,7 +124,10 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=3, help="of all formations (%(default)s)")
     parser.add_argument("--spacecraft", type=int, nargs="+", default=[2, 4, 8, 16])
     parser.add_argument("--receivers", action="store_true", help="with receivers at 20 Hz")
+    add_write_option(parser, "formation")
     options = parser.parse_args()
+    if options.write and options.receivers:
+        parser.error("--write: rows without receivers alone are kept")
     if min(options.spacecraft) < 2 or options.duration <= SHORT or options.rounds < 1:
         parser.error(
             f"2 spacecraft or more, a duration of more than {SHORT} s and a round or more expected"
@@ -149,7 +156,7 @@ def main() -> None:
         "spacecraft   ms processor per s   a spacecraft"
         + ("" if options.receivers else "   x real time")
     )
-    costs = []
+    costs, rows = [], []
     for number in options.spacecraft:
         units = float(np.median([one[number][1] - one[number][0] for one in flown]))
         speed = max(one[number][2] for one in flown)
@@ -158,6 +165,9 @@ def main() -> None:
             f"{number:10d} {costs[-1]:20.2f} {costs[-1] / number:14.2f}"
             + (f" {speed:13.0f}" if math.isfinite(speed) else "")
         )
+        rows.append([str(number), f"{costs[-1]:.2f}", f"{costs[-1] / number:.2f}", f"{speed:.0f}"])
+    if options.write:
+        write_rows("formation", COLUMNS, rows, "1")
     if len(costs) > 1:
         slopes = np.diff(costs) / np.diff(options.spacecraft)
         print(

@@ -13,6 +13,7 @@ import sys
 import tempfile
 
 import numpy as np
+from tables import add_write_option, write_rows
 
 from vtff_analysis.recordings.recording_details import DetailCollector
 from vtff_bag.file.reader import BagReader
@@ -22,8 +23,13 @@ ROOT = pathlib.Path(__file__).resolve().parents[1]
 COMPUTE_TIME = "compute time of the last epoch"
 
 
-def report(run: str) -> None:
-    """Print the lines of a run."""
+COLUMNS = ("figure", "commit 0ab621d", "vtff", "ratio", "aim")
+"""Columns of the row that is kept: median, and 99 % without the first second, ms."""
+ROW = "`reference --realtime`, last byte of a second to the command on its bus"
+
+
+def report(run: str) -> list[str]:
+    """Print the lines of a run; return the row that is kept, of the last thruster."""
     details = DetailCollector()
     handler = details.handler(DIAGNOSTICS_TOPIC)
     assert handler is not None
@@ -36,6 +42,7 @@ def report(run: str) -> None:
             for pair in status.values
             if pair.key == COMPUTE_TIME
         ]
+    row: list[str] = []
     for thruster, latency in details.command_latency().items():
         for name, values in (("all", latency), ("without the first second", latency[1:])):
             median, most, nearly_all = 1e3 * np.percentile(values, [50.0, 90.0, 99.0])
@@ -43,6 +50,8 @@ def report(run: str) -> None:
                 f"| {thruster} | {name} | {len(values)} | {median:.1f} | {most:.1f} "
                 f"| {nearly_all:.1f} | {1e3 * values.max():.1f} | {np.median(compute):.1f} |"
             )
+        row = [ROW, "-", f"{median:.1f}, {nearly_all:.1f} ms", "-", "10 ms at 99 %"]
+    return row
 
 
 def main() -> None:
@@ -50,11 +59,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("runs", nargs="*", help="runs that were recorded with --realtime")
     parser.add_argument("--duration", type=float, default=120.0, help="s (%(default)s)")
+    add_write_option(parser, "speed")
     options = parser.parse_args()
+    rows = []
     print("| thruster | seconds | number | median, ms | 90 % | 99 % | largest | filter epoch |")
     print("|---|---|---|---|---|---|---|---|")
     for run in options.runs:
-        report(run)
+        rows = [report(run)]
     if not options.runs:
         with tempfile.TemporaryDirectory() as folder:
             command = [sys.executable, "-m", "vtff_bringup.cli", "run", "reference", "--realtime"]
@@ -66,7 +77,9 @@ def main() -> None:
                 f"{folder}/run",
             ]
             subprocess.run(command, check=True, capture_output=True, cwd=ROOT)
-            report(f"{folder}/run")
+            rows = [report(f"{folder}/run")]
+    if options.write:
+        write_rows("speed", COLUMNS, rows, "1")
 
 
 if __name__ == "__main__":

@@ -30,12 +30,15 @@ from plasma.figures import (  # noqa: E402
 )
 from plasma.recording import load_or_fly  # noqa: E402
 from plasma.worlds import PlasmaWorld, draw_bubble_world, quiet_worlds  # noqa: E402
+from tables import add_write_option, write_rows  # noqa: E402
 
 from vtff_nav.relative.common.estimator_setting import EstimatorSetting  # noqa: E402
 
 Flown = list[tuple[PlasmaWorld, ChainResult]]
 
 # Absolute contents are there from the tenth minute on.
+COLUMNS = ("figure", "must", "measured")
+"""Columns of the rows of bubbles that are kept."""
 _ABSOLUTE_MINUTES = ((10, 20), (20, 50), (50, 70))
 _AGE_MINUTES = ((0, 5.0), (5, 10.0), (10, math.inf))
 
@@ -149,6 +152,53 @@ def report_bubbles(flown: Flown) -> None:
             print(f"  {line}")
 
 
+def bubble_rows(flown: Flown) -> list[list[str]]:
+    """Return the rows of drawn bubbles: figure, what it must be, and what was measured."""
+    figures = edge_figures(flown)
+    ratios = [density_figures(world, result) for world, result in flown]
+    z = math.sqrt(np.mean([r.z_rms**2 for r in ratios if math.isfinite(r.z_rms)]))
+    largest, impossible = max(r.largest_z for r in ratios), sum(r.impossible for r in ratios)
+    low, high = figures.strong_interval
+    times, widths = figures.time_z_interval, figures.width_z_interval
+    separations = figures.separation_z_interval
+    return [
+        [
+            "walls over 5 sigma",
+            "90 % told, none false",
+            f"{figures.strong_walls} of {figures.walls} walls; {figures.strong_told} of "
+            f"{figures.strong_walls} told ({low:.2f} to {high:.2f}), "
+            f"{figures.told - figures.strong_told} others, {figures.false} false",
+        ],
+        [
+            "time of a wall over its sigma, RMS",
+            "0.8 to 1.3",
+            f"{figures.time_z:.2f} ({times[0]:.2f} to {times[1]:.2f})",
+        ],
+        [
+            "widths over 1 km within 30 %",
+            "30 %",
+            f"{figures.widths_good} of {figures.widths}; over its sigma "
+            f"{figures.width_z:.2f} ({widths[0]:.2f} to {widths[1]:.2f})",
+        ],
+        [
+            "separation of two walls over its sigma, RMS",
+            "0.8 to 1.3",
+            f"{figures.separation_z:.2f} ({separations[0]:.2f} to {separations[1]:.2f})",
+        ],
+        [
+            "separation of two walls, error",
+            "2 %, or the bound",
+            f"{100.0 * figures.separation_error:.1f} % RMS of {figures.separations} bubbles, bound "
+            f"{100.0 * figures.separation_bound:.1f} %",
+        ],
+        [
+            "density over its sigma, RMS; largest; seconds below zero by 3 sigma",
+            "0.7 to 1.3; 8; none",
+            f"{z:.2f}; {largest:.1f}; {impossible}",
+        ],
+    ]
+
+
 def main() -> None:
     """Fly and print."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -159,14 +209,20 @@ def main() -> None:
     parser.add_argument("--seconds", type=int, default=3600, help="of quiet ones (%(default)s)")
     parser.add_argument("--separation", type=float, default=500.0, help="of close, m (%(default)g)")
     parser.add_argument("--cache", type=pathlib.Path, help="folder in which flights are kept")
+    add_write_option(parser, "plasma, of bubbles")
     options = parser.parse_args()
+    if options.write and options.row != "bubbles":
+        parser.error("--write: rows of bubbles alone are kept")
     seeds = range(options.seed, options.seed + options.count)
     if options.row == "quiet":
         worlds = quiet_worlds(options.seed, options.count, options.seconds)
         report_quiet(fly(worlds, options.cache))
     else:
         separation = options.separation if options.row == "close" else None
-        report_bubbles(fly([draw_bubble_world(s, separation) for s in seeds], options.cache))
+        flown = fly([draw_bubble_world(s, separation) for s in seeds], options.cache)
+        report_bubbles(flown)
+        if options.write:
+            write_rows("plasma", COLUMNS, bubble_rows(flown), f"{seeds[0]} to {seeds[-1]}")
 
 
 if __name__ == "__main__":

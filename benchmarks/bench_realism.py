@@ -24,11 +24,24 @@ from typing import Any
 
 from realism.flight import Figures, Flight, fly, summarise
 from realism.worlds import FIRST_SECOND, WORLDS, Must
+from tables import add_write_option, write_rows
 
 from vtff_nav.relative.common.estimator_setting import EstimatorSetting
 
 BOUND_FACTOR = 1.2
 """Where the covariance bound is above what is wanted, the bound times this is wanted."""
+
+COLUMNS = (
+    "world",
+    "RMS, mm",
+    "worst flight, mm",
+    "stated sigma, mm",
+    "covariance bound, mm",
+    "NEES position; velocity",
+    "NEES in burns",
+    "closest, m",
+)
+"""Columns of the rows that are kept."""
 
 EXAMPLES = """\
 examples:
@@ -83,6 +96,7 @@ def parse_arguments() -> argparse.Namespace:
     )
     parser.add_argument("--each", action="store_true", help="print every flight, too")
     parser.add_argument("--list", action="store_true", help="print the worlds and end")
+    add_write_option(parser, "worlds")
     given = parser.parse_args()
     if given.list:
         print("\n".join(WORLDS))
@@ -142,6 +156,7 @@ def fly_worlds(given: argparse.Namespace) -> int:
         flush=True,
     )
     progress = Progress(len(names) * given.seeds)
+    rows = []
     with multiprocessing.Pool(given.jobs, _ignore_interrupts) as pool:
         jobs = {
             name: [
@@ -158,7 +173,29 @@ def fly_worlds(given: argparse.Namespace) -> int:
             flights = [job.get() for job in of_world]
             progress.clear()
             print_world(name, flights, seeds if given.each else ())
+            rows.append(result_row(name, summarise(flights, WORLDS[name])))
+    if given.write:
+        write_rows("worlds", COLUMNS, rows, f"{seeds[0]} to {seeds[-1]}")
     return 0
+
+
+def result_row(name: str, figures: Figures) -> list[str]:
+    """Return the cells of a world that are kept; a dash where there is no figure."""
+
+    def shown(*values: float) -> str:
+        return "-" if any(map(math.isnan, values)) else "; ".join(f"{v:.2f}" for v in values)
+
+    closest = [loop.closest for loop in figures.loops]
+    return [
+        name,
+        shown(figures.rms),
+        shown(figures.worst_rms),
+        shown(figures.sigma),
+        shown(figures.bound),
+        shown(figures.nees_position, figures.nees_velocity),
+        shown(figures.burn_position, figures.burn_velocity),
+        f"{min(closest):.1f}" if closest else "-",
+    ]
 
 
 def _ignore_interrupts() -> None:

@@ -20,10 +20,22 @@ import tempfile
 import time
 from pathlib import Path
 
+from tables import add_write_option, write_rows
+
 START = 1_458_521_983
 TOPICS = 20
 PAYLOAD = 1000  # B
 MAXIMUM_LAG = 50  # steps
+
+COLUMNS = (
+    "compression",
+    "messages a second",
+    "lost",
+    "peak memory of the recorder",
+    "writer alone",
+    "reader",
+)
+"""Columns of the rows that are kept."""
 
 
 def publish(steps: int) -> float:
@@ -170,6 +182,7 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("steps", type=int, nargs="?", default=2000, help="of /clock (%(default)s)")
+    add_write_option(parser, "recorder")
     parser.add_argument("--publish", action="store_true", help=argparse.SUPPRESS)
     arguments = parser.parse_args()
     steps = arguments.steps
@@ -181,6 +194,7 @@ def main() -> None:
         f"{'compression':12} {'recorder':>12} {'lost':>6} {'memory':>9} {'writer alone':>14} "
         f"{'reader':>12}"
     )
+    rows = []
     for compression in ("zstd", "lz4", "none"):
         with tempfile.TemporaryDirectory() as folder:
             rate, recorded, memory = through_dds(Path(folder) / "bag", steps, compression)
@@ -192,6 +206,10 @@ def main() -> None:
             f"{read:10.0f}/s",
             flush=True,
         )
+        figures = f"{rate:.0f}", str(lost), f"{memory:.0f} MB", f"{alone:.0f}", f"{read:.0f}"
+        rows.append([compression, *figures])
+    if arguments.write:
+        write_rows("recorder", COLUMNS, rows)
 
 
 if __name__ == "__main__":

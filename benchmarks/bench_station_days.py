@@ -20,12 +20,15 @@ os.environ.update({**ONE_BLAS_THREAD, **os.environ})
 
 import numpy as np  # noqa: E402
 from plasma.station_days import StationDay, draw_station_day  # noqa: E402
+from tables import add_write_option, write_rows  # noqa: E402
 
 from vtff_gnss.constants import FREQUENCY_L1, FREQUENCY_L2, SYSTEM_GPS  # noqa: E402
 from vtff_iono.content.absolute_tec import AbsoluteTec, absolute_tec  # noqa: E402
 from vtff_iono.links.geometry_free import tecu_per_metre  # noqa: E402
 from vtff_iono.links.signal_pairs import DEFAULT_PAIRS  # noqa: E402
 
+COLUMNS = ("days", "receiver bias: error over sigma", "slant contents")
+"""Columns of the row that is kept."""
 _KEY = (SYSTEM_GPS, "C1C", "C2W")
 
 
@@ -61,6 +64,7 @@ def main() -> None:
         default=0.0,
         help="vertical content above the layer at the equator, TECU (%(default)g)",
     )
+    add_write_option(parser, "station_days")
     options = parser.parse_args()
     scale = tecu_per_metre(FREQUENCY_L1, FREQUENCY_L2)
     print(
@@ -92,6 +96,15 @@ def main() -> None:
         f"{np.sqrt(np.mean(np.square(ratios))):.2f}, mean {np.mean(ratios):+.2f}; "
         f"slant content RMS {np.sqrt(np.mean(squares)):.2f} TECU"
     )
+    if options.write:
+        sky = f", plasmasphere of {options.plasmasphere:g} TECU" if options.plasmasphere else ""
+        row = [
+            f"{options.count} emulated days{sky}",
+            f"{np.sqrt(np.mean(np.square(ratios))):.2f}, mean {np.mean(ratios):+.2f}",
+            f"{np.sqrt(np.mean(squares)):.2f} TECU",
+        ]
+        last = options.seed + options.count - 1
+        write_rows("station_days", COLUMNS, [row], f"{options.seed} to {last}")
 
 
 if __name__ == "__main__":
