@@ -81,7 +81,8 @@ def write_pages(root: pathlib.Path) -> LinkRewriter:
 
 def _written_pages(root: pathlib.Path) -> list[str]:
     docs = root / "docs"
-    files = [*docs.glob("*.md"), *docs.glob("tutorials/*.md"), *docs.glob("papers/*.md")]
+    folders = ("", "tutorials/", "papers/", "notebook/")
+    files = [file for folder in folders for file in docs.glob(f"{folder}*.md")]
     return sorted(str(file.relative_to(docs)) for file in files)
 
 
