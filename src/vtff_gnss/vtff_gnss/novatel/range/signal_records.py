@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -24,8 +24,7 @@ _MEASURED_COLUMNS = (
 """Columns of an `ObservationEpoch` beyond those that name its signals."""
 
 
-@dataclass(frozen=True)
-class SignalRecords:
+class SignalRecords(NamedTuple):
     """Columns of one range log in NovAtel's numbering; all of shape (n,).
 
     Carrier phase has the RINEX sign already; `lock_time_bound` is the greatest lock time that the
@@ -66,17 +65,16 @@ def epoch_from_records(
     """
     signals = (records.system, records.signal, records.prn_novatel, records.glonass_channel)
     names = _signal_names(np.array(signals, dtype=np.int64).tobytes())
-    chosen = names.chosen
-    is_lost = lock_times.update(
-        time, names.lock_key, records.lock_time[chosen], records.lock_time_bound[chosen]
-    )
+    if names.unnamed_count:
+        records = SignalRecords._make(column[names.is_named] for column in records)
+    is_lost = lock_times.update(time, names.lock_key, records.lock_time, records.lock_time_bound)
     # Copies, so that an epoch keeps neither the bytes of its log alive nor shares its columns.
     columns: dict[str, npt.NDArray[Any]] = {
         name: column.copy() for name, column in names.columns.items()
     }
     for name in _MEASURED_COLUMNS:
-        columns[name] = getattr(records, name)[chosen].astype(OBSERVATION_COLUMNS[name])
-    columns["flags"][is_lost] |= FLAG_LOCK_LOST
+        columns[name] = getattr(records, name).astype(OBSERVATION_COLUMNS[name])
+    columns["flags"] |= is_lost * np.uint16(FLAG_LOCK_LOST)
     epoch = ObservationEpoch(
         time=time,
         time_status=time_status,
@@ -93,7 +91,7 @@ class _SignalNames:
 
     Parameters
     ----------
-    chosen : ndarray of bool, or slice
+    is_named : ndarray of bool
         Which of the records have a name.
     unnamed_count : int
         Number of records without a name.
@@ -103,7 +101,7 @@ class _SignalNames:
         Columns `system` to `glonass_channel` of an `ObservationEpoch`.
     """
 
-    chosen: npt.NDArray[np.bool_] | slice
+    is_named: npt.NDArray[np.bool_]
     unnamed_count: int
     lock_key: npt.NDArray[np.int64]
     columns: dict[str, npt.NDArray[Any]]
@@ -123,8 +121,6 @@ def _signal_names(signals: bytes) -> _SignalNames:
     band, attribute = rinex_signal(systems, signal)
     prn = rinex_prn(systems, numbers)
     is_named = (band > 0) & (prn > 0)
-    unnamed_count = int(len(prn) - np.count_nonzero(is_named))
-    chosen = is_named if unnamed_count else slice(None)
     columns: dict[str, npt.NDArray[Any]] = {
         "system": systems,
         "prn": prn,
@@ -133,8 +129,8 @@ def _signal_names(signals: bytes) -> _SignalNames:
         "glonass_channel": np.where(systems == SYSTEM_GLONASS, channel, 0),
     }
     return _SignalNames(
-        chosen,
-        unnamed_count,
-        lock_key(systems[chosen], prn[chosen], signal[chosen]),
-        {name: c[chosen].astype(OBSERVATION_COLUMNS[name]) for name, c in columns.items()},
+        is_named,
+        int(np.count_nonzero(~is_named)),
+        lock_key(systems[is_named], prn[is_named], signal[is_named]),
+        {name: c[is_named].astype(OBSERVATION_COLUMNS[name]) for name, c in columns.items()},
     )
