@@ -49,7 +49,7 @@ IN_SHORT = (
         ("flights", "paper 000", 2),
     ),
     Short(
-        "propellant while keeping, m/s per hour",
+        "velocity change while keeping, m/s per hour",
         ("flights", "realistic", 3),
         ("flights", "reference", 3),
     ),
