@@ -9,7 +9,6 @@ import numpy as np
 
 from vtff_dynamics.compiled import compiled
 from vtff_dynamics.constants import WGS84_SEMI_MAJOR_AXIS
-from vtff_dynamics.rounding import power
 from vtff_dynamics.vectors import FloatArray
 from vtff_iono.geometry.mapping import profile_content
 
@@ -212,7 +211,7 @@ def absorb_density(  # type: ignore[no-untyped-def]
     middle, half_width = 0.5 * (low + high), 0.5 * max(high - low, _STEP)
     first = np.searchsorted(table.altitude, middle - half_width)
     end = np.searchsorted(table.altitude, middle + half_width, "right")
-    sample_weight = 1.0 / power(sigma, 2.0)
+    sample_weight = 1.0 / sigma**2
     densities = table.densities
     for row in range(first, end):
         weight = min(table.weight[row], _MEMORY_SAMPLES * sample_weight) + sample_weight

@@ -13,7 +13,6 @@ import numpy as np
 import numpy.typing as npt
 
 from vtff_dynamics.compiled import compiled
-from vtff_dynamics.rounding import exact_total, power, total
 from vtff_dynamics.vectors import FloatArray
 from vtff_iono.density.phase_differences import (
     DEVIATION,
@@ -140,7 +139,7 @@ def _fluctuation_left(table):  # type: ignore[no-untyped-def]
                 count += 1
     if count < _FEWEST_OF_END or table.seconds[0] < _SECONDS_OF_END:
         return 1.0
-    return min(1.0, _MARGIN_OF_END * (exact_total(parts[:count]) / count))
+    return min(1.0, _MARGIN_OF_END * (np.sum(parts[:count]) / count))
 
 
 @compiled
@@ -224,12 +223,12 @@ def raise_doubted(  # type: ignore[no-untyped-def]
     rows = rows[:count]
     values = columns[GEOMETRIC][rows] - cycles_per_tecu * columns[STEC][rows]
     weights = 1.0 / (noise_square * sigma[rows] ** 2 + lasting_variance)
-    whole = total(weights)
+    whole = np.sum(weights)
     mean = weights @ values / whole
     chosen = table.excess[prn[rows]] > 0.0
-    squares = total(weights[chosen] * (values[chosen] - mean) ** 2)
+    squares = np.sum(weights[chosen] * (values[chosen] - mean) ** 2)
     # All that fluctuate do so alike. The clock has taken a part of their errors.
-    expected = fluctuating - total(weights[chosen]) / whole
+    expected = fluctuating - np.sum(weights[chosen]) / whole
     sigma[rows[chosen]] *= math.sqrt(max(squares / max(expected, 0.5), 1.0))
 
 
@@ -255,12 +254,12 @@ def measure_fades(table, prn, samples, columns, errors, sigma):  # type: ignore[
     for row in range(count):
         noise = 0.5 * columns[STEP_SQUARED, row]
         scatter = columns[DEVIATION_SQUARED, row] - columns[DEVIATION, row] ** 2
-        change = 0.5 * power(now[row] - table.last_fixed[satellites[row]], 2.0) / share
+        change = 0.5 * (now[row] - table.last_fixed[satellites[row]]) ** 2 / share
         # Neither a satellite without an orbit nor one that is not used tells anything.
         if scatter <= LARGE_SCATTER * noise or not math.isfinite(change + sigma[row]):
             continue
-        change = min(change, _LARGEST_CHANGE * power(sigma[row], 2.0))
-        weight = power(sigma[row], -2.0)
+        change = min(change, _LARGEST_CHANGE * sigma[row] ** 2)
+        weight = 1.0 / sigma[row] ** 2
         of_means += weight * (change - noise / samples[row])
         of_scatter += weight * (scatter - noise)
         fading += 1
@@ -292,7 +291,7 @@ def add_changes(table, prn, samples, columns, last, now, least_noise):  # type: 
         if before < 0:
             continue
         noise = 0.5 * columns[STEP_SQUARED, row] / samples[row]
-        change = 0.5 * power(now.error[row] - last.error[before], 2.0)
+        change = 0.5 * (now.error[row] - last.error[before]) ** 2
         if change > _LARGE_CHANGE * max(noise, least_noise):
             number = prn[row]
             mean = table.excess[number]

@@ -11,7 +11,6 @@ import math
 import numpy as np
 
 from vtff_dynamics.compiled import compiled
-from vtff_dynamics.rounding import power
 from vtff_dynamics.vectors import FloatArray
 from vtff_iono.density.fluctuations import FEWEST_WITNESSES, LARGE_SCATTER
 from vtff_iono.density.phase_differences import (
@@ -97,7 +96,7 @@ def add_resolved(measured, wide_lane, samples):  # type: ignore[no-untyped-def]
     measured[BIAS_MEAN] += samples / measured[BIAS_WEIGHT] * deviation
     measured[BIAS_SQUARES] += samples * deviation * (wide_lane - measured[BIAS_MEAN])
     if measured[BIAS_COUNT] >= FEWEST_SECONDS:
-        square = power(wide_lane - measured[BIAS_MEAN], 2.0)
+        square = (wide_lane - measured[BIAS_MEAN]) ** 2
         _add_square(measured, OF_CODES, square, _CODE_MEMORY)
 
 
@@ -121,7 +120,7 @@ def add_geometric(measured, errors, sigma, noise_square):  # type: ignore[no-unt
         return
     share = (count - 1) / count
     for row in range(count):
-        noise = noise_square * power(sigma[row], 2.0)
+        noise = noise_square * sigma[row] ** 2
         if noise < _LARGEST_NOISE**2:
             square = max(errors[row] * errors[row] / share - noise, 0.0)
             _add_square(measured, OF_GEOMETRY, square, _GEOMETRIC_MEMORY)

@@ -13,7 +13,6 @@ import numpy as np
 import numpy.typing as npt
 
 from vtff_dynamics.compiled import compiled
-from vtff_dynamics.rounding import power, total
 from vtff_dynamics.vectors import FloatArray
 from vtff_gnss.constants import ELECTRONS_PER_TECU
 from vtff_iono.bias.running_profile import (
@@ -164,7 +163,7 @@ def pass_to(table, settings, profile, slow, time):  # type: ignore[no-untyped-de
     elapsed = 0.0 if math.isnan(memory[LAST_TIME]) else max(0.0, time - memory[LAST_TIME])
     memory[LAST_TIME] = time
     # What the errors of measurements prove to be changes what was learned from them.
-    variance = power(values[SIGMA], 2.0)
+    variance = values[SIGMA] ** 2
     ratio = variance / memory[SLOW_VARIANCE]
     memory[SLOW_VARIANCE] = variance
     decay = math.exp(-elapsed / values[CORRELATION_TIME])
@@ -211,7 +210,7 @@ def _add_content(  # type: ignore[no-untyped-def]
     design, modelled = vertical_design(altitude, profile, rays, table.state)
     repeated = max(1.0, 2.0 * settings.content_time / elapsed)
     residual = np.full(1, vtec_tecu - modelled)
-    _correct_all(table, profile, design, residual, np.full(1, repeated * power(sigma_tecu, 2.0)))
+    _correct_all(table, profile, design, residual, np.full(1, repeated * sigma_tecu**2))
 
 
 @compiled
@@ -255,7 +254,7 @@ def _keep_positive(table, settings, profile):  # type: ignore[no-untyped-def]
     if table.state[DENSITY] < -settings.negative_sigmas * sigma:
         design = np.zeros((1, len(table.state)))
         design[0, DENSITY] = 1.0
-        _correct_all(table, profile, design, np.zeros(1), np.full(1, power(sigma, 2.0)))
+        _correct_all(table, profile, design, np.zeros(1), np.full(1, sigma**2))
 
 
 @compiled
@@ -277,7 +276,7 @@ def _describe_epoch(  # type: ignore[no-untyped-def]
     single = satellite_densities(
         common[kept],
         residual[kept],
-        variances + power(slow_sigma, 2.0),
+        variances + slow_sigma**2,
         table.state,
         table.covariance,
     )
@@ -293,7 +292,7 @@ def _describe_epoch(  # type: ignore[no-untyped-def]
         rows[1, place] = ELECTRONS_PER_TECU * single[1, row]
         rows[2, place] = slow_parts[row] * math.sqrt(left) * ELECTRONS_PER_TECU
     common_variance = max(variance - fast - left * squares, 0.0)
-    whole = variance + power(horizontal_sigma / separation, 2.0)
+    whole = variance + (horizontal_sigma / separation) ** 2
     numbers = np.empty(_NUMBERS_OF_EPOCH)
     numbers[EPOCH_DENSITY] = table.state[DENSITY] * ELECTRONS_PER_TECU
     numbers[EPOCH_SIGMA] = math.sqrt(whole) * ELECTRONS_PER_TECU
@@ -421,7 +420,7 @@ def update_second(  # type: ignore[no-untyped-def]
     if constant_sigma > 0.0:
         # With another constant all that was learned is another one too.
         shift = constant_sigma * ELECTRONS_PER_TECU
-        numbers[EPOCH_SIGMA] = math.hypot(density_sigma, shift * total(gain[DENSITY]))
+        numbers[EPOCH_SIGMA] = math.hypot(density_sigma, shift * np.sum(gain[DENSITY]))
         rows_used = np.flatnonzero(used)
         for row in range(len(rows_used)):
             of_satellite = shift / abs(common[row, DENSITY])
@@ -498,7 +497,7 @@ def past_second(  # type: ignore[no-untyped-def]
     # The slow errors of then are not all those of now.
     lost = 1.0 - math.exp(-2.0 * elapsed / slow.values[CORRELATION_TIME])
     variance = sigma[used] ** 2 + (settings.mapping_noise * common[:, CHANGE]) ** 2
-    variance += np.where(places < 0, 1.0, lost) * power(slow.values[SIGMA], 2.0)
+    variance += np.where(places < 0, 1.0, lost) * slow.values[SIGMA] ** 2
     independent = np.ones(len(residual), dtype=np.bool_)
     design, kept, _, has_check = _examine_contents(
         table, settings, common, places, residual, variance, independent
@@ -552,7 +551,7 @@ def predicted_contents(  # type: ignore[no-untyped-def]
     )
     places = _places(table, satellite)
     own = (settings.mapping_noise * common[:, CHANGE]) ** 2
-    own += np.where(places < 0, power(slow.values[SIGMA], 2.0), 0.0)
+    own += np.where(places < 0, slow.values[SIGMA] ** 2, 0.0)
     # The density of the profile, and its own size.
     low, high = min(altitude_chief, altitude_deputy), max(altitude_chief, altitude_deputy)
     density = mean_between(low, high, profile.altitude, profile.densities[0]) / ELECTRONS_PER_TECU
@@ -564,5 +563,5 @@ def predicted_contents(  # type: ignore[no-untyped-def]
         table.covariance,
         own,
         density,
-        power(density + _LEAST_SPREAD / ELECTRONS_PER_TECU, 2.0),
+        (density + _LEAST_SPREAD / ELECTRONS_PER_TECU) ** 2,
     )

@@ -16,7 +16,6 @@ import numpy as np
 import numpy.typing as npt
 
 from vtff_dynamics.compiled import compiled
-from vtff_dynamics.rounding import power
 from vtff_dynamics.vectors import FloatArray
 from vtff_iono.density.filter.kernels import slow_residuals
 
@@ -210,7 +209,7 @@ def add_epoch(  # type: ignore[no-untyped-def]
         elapsed = max(0.0, time - values[_LAST_TIME])
     values[_LAST_TIME] = time
     is_determined, weight, residual, freedom = slow_residuals(
-        observed, common, common_sigma, fast_variance, power(values[SIGMA], 2.0)
+        observed, common, common_sigma, fast_variance, values[SIGMA] ** 2
     )
     if not is_determined or freedom.sum() < _FEWEST_DEGREES:
         return
@@ -219,8 +218,8 @@ def add_epoch(  # type: ignore[no-untyped-def]
         values[place] *= kept
     values[_FIRST_WEIGHT_LEFT] *= math.exp(-elapsed / _FORGOTTEN)
     _renew(values)
-    variance = power(values[SIGMA], 2.0)
-    largest_fast = power(max(values[SIGMA], _FIRST_SIGMA), 2.0)
+    variance = values[SIGMA] ** 2
+    largest_fast = max(values[SIGMA], _FIRST_SIGMA) ** 2
     trust, fast = np.zeros(len(residual)), freedom * fast_variance
     for row in range(len(residual)):
         sigmas = min(max(residual[row], -_LARGEST_SIGMAS), _LARGEST_SIGMAS)
@@ -267,7 +266,7 @@ def _add_products(table, time, satellites, residual, fast, trust):  # type: igno
             now = residual[_last_row(satellites, satellites[row])]
             earlier = table.residual[before, then]
             values[_PRODUCT] += trust[row] * now * earlier
-            squares = 0.5 * (power(now, 2.0) + power(earlier, 2.0))
+            squares = 0.5 * (now**2 + earlier**2)
             values[_OF_PRODUCT] += trust[row] * max(squares - fast[row], 0.0)
     last = (span[0] + span[1]) % epochs
     span[1] += 1
