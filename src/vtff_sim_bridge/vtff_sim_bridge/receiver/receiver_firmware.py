@@ -31,7 +31,6 @@ from vtff_sim_bridge.receiver.receiver_logs import (
     LogContext,
     LogDefinition,
     LogEncoder,
-    RangeEncoder,
     ReceiverOutputs,
 )
 from vtff_sim_bridge.receiver.serial_line import DEFAULT_BAUD, SerialLine
@@ -304,13 +303,6 @@ class ReceiverFirmware:
         outputs: ReceiverOutputs,
     ) -> None:
         """Add those of a log at the epochs at which it is due."""
-        if isinstance(request.encoder, RangeEncoder) and request.format_suffix == "B":
-            self._time = times[due[0]]
-            first = outputs.observations(self._time)
-            encoded = request.encoder.encode_series(first.series, self._context())
-            for k in due:
-                frames[k].append(encoded[first.index + k - due[0]])
-            return
         for k in due:
             self._time = time = times[k]
             items = request.choose(request.definition.items(outputs, time))

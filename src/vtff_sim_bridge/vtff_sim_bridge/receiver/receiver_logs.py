@@ -109,7 +109,7 @@ class LogDefinition:
     is_static: bool = False
 
 
-class RangeEncoder:
+class _RangeEncoder:
     """Encoder of RANGE: encodes a whole series at its first epoch."""
 
     def __init__(self) -> None:
@@ -119,16 +119,12 @@ class RangeEncoder:
 
     def __call__(self, item: EpochOfSeries, context: LogContext) -> bytes:
         """Return the frame of an epoch."""
-        return self.encode_series(item.series, context)[item.index]
-
-    def encode_series(self, series: ObservationSeries, context: LogContext) -> list[bytes]:
-        """Return the frames of all epochs of a series."""
-        if series is not self._series or context.receiver_status != self._receiver_status:
-            self._series = series
+        if item.series is not self._series or context.receiver_status != self._receiver_status:
+            self._series = item.series
             self._receiver_status = context.receiver_status
-            series = _with_status(series, context.receiver_status)
+            series = _with_status(item.series, context.receiver_status)
             self._frames = encode_range_series(series, context.settings)
-        return self._frames
+        return self._frames[item.index]
 
 
 def _rangecmp(item: EpochOfSeries, context: LogContext) -> bytes:
@@ -205,7 +201,7 @@ def _version(_item: object, context: LogContext) -> bytes:
 
 
 LOG_DEFINITIONS: tuple[LogDefinition, ...] = (
-    LogDefinition("RANGE", _SYNCHRONOUS, _observations, RangeEncoder),
+    LogDefinition("RANGE", _SYNCHRONOUS, _observations, _RangeEncoder),
     LogDefinition("RANGECMP", _SYNCHRONOUS, _observations, lambda: _rangecmp),
     LogDefinition("RANGECMP4", _SYNCHRONOUS, _observations, _rangecmp4_encoder),
     LogDefinition("BESTXYZ", _SYNCHRONOUS, lambda o, t: (o.fix(t),), lambda: _bestxyz),
