@@ -5,7 +5,6 @@ from __future__ import annotations
 import importlib
 import os
 import sys
-from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from vtff_bringup.run.exit_codes import EXIT_INTERRUPTED
@@ -42,15 +41,8 @@ _COMMAND_OPTIONS: dict[str, dict[str, Any]] = {
 }
 
 
-def make_app(arguments: Sequence[str] = ()) -> typer.Typer:
-    """Return the command line with all its commands, or with the only one that is called.
-
-    Parameters
-    ----------
-    arguments
-        Words of the command line. Where the first is a command, the others are left out: the
-        import of all takes longer than that of many a command.
-    """
+def make_app() -> typer.Typer:
+    """Return the command line with all its commands."""
     # Imported here, so that `main` catches a Ctrl-C in the second that importing takes.
     import typer
 
@@ -69,9 +61,8 @@ def make_app(arguments: Sequence[str] = ()) -> typer.Typer:
         "For a begin: vtff run reference --duration 300; vtff list; vtff view bags/sample"
     )
     app.callback(help=help_text)(version.common_options)
-    called = arguments[0] if arguments else ""
-    for name in [called] if called in _COMMANDS else _COMMANDS:
-        module, _, attribute = _COMMANDS[name].partition(":")
+    for name, place in _COMMANDS.items():
+        module, _, attribute = place.partition(":")
         found = getattr(importlib.import_module(f"vtff_bringup.{module}"), attribute)
         if attribute == "app":
             app.add_typer(found, name=name)
@@ -84,7 +75,7 @@ def main() -> None:
     """Run the command line."""
     os.environ.update({**ONE_BLAS_THREAD, **os.environ})
     try:
-        make_app(sys.argv[1:])(prog_name="vtff")
+        make_app()(prog_name="vtff")
     except KeyboardInterrupt:
         sys.exit(EXIT_INTERRUPTED)
 

@@ -11,11 +11,10 @@ import pytest
 from rich.console import Console
 from typer.testing import CliRunner
 
-from vtff_analysis import report
 from vtff_bag.file.metadata import offered_qos
 from vtff_bag.file.writer import BagWriter
 from vtff_bringup import cli
-from vtff_bringup.run import on_console
+from vtff_bringup.run import on_console, reporting
 from vtff_bringup.run.flown import require_flight
 from vtff_bringup.run.runner import RunResult
 
@@ -27,7 +26,7 @@ def shown_by(function, *arguments):
 
 
 def test_an_interrupt_while_importing_ends_without_a_traceback(monkeypatch):
-    def interrupted(arguments):
+    def interrupted():
         raise KeyboardInterrupt
 
     monkeypatch.setattr(cli, "make_app", interrupted)
@@ -47,24 +46,12 @@ def test_the_command_line_imports_little():
     assert result.stdout == "[]\n", result.stderr
 
 
-def test_a_command_alone_imports_no_other():
-    code = (
-        "import sys, vtff_bringup.cli\n"
-        "app = vtff_bringup.cli.make_app(['tec', 'any.rnx'])\n"
-        "assert 'vtff_bringup.commands.run' not in sys.modules\n"
-        "app(['tec', '--help'], prog_name='vtff')"
-    )
-    alone = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
-    whole = CliRunner().invoke(cli.make_app(), ["tec", "--help"], prog_name="vtff")
-    assert alone.stdout.split() == whole.output.split(), alone.stderr
-
-
 def test_an_interrupt_while_the_report_is_written(tmp_path, monkeypatch):
     def interrupted(*arguments, **options):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(report, "write_report", interrupted)
-    exit_code, shown = shown_by(on_console.report_run, tmp_path)
+    monkeypatch.setattr(reporting, "write_report", interrupted)
+    exit_code, shown = shown_by(reporting.report_run, tmp_path)
     assert exit_code == 130
     assert "report interrupted" in shown
 

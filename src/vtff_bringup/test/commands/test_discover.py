@@ -20,6 +20,7 @@ from bag_samples import sample_messages, write_bag  # noqa: E402
 from vtff_bag.file.message_definitions import message_class  # noqa: E402
 from vtff_bringup.cli import make_app  # noqa: E402
 from vtff_bringup.discover.installed import config_files, nodes  # noqa: E402
+from vtff_bringup.run import on_console  # noqa: E402
 from vtff_bringup.system.system_file import find_system_file  # noqa: E402
 from vtff_msgs.msg import RelativeState  # noqa: E402
 from vtff_node.message_text import message_lines  # noqa: E402
@@ -165,12 +166,11 @@ def test_the_shell_completes_runs_and_topics(tmp_path, monkeypatch):
 )
 def test_parameters_are_checked_before_anything_starts(override, expected, tmp_path, monkeypatch):
     """One line, exit code 2 and no folder, in the time of an import."""
-    from vtff_bringup.commands import run as command
 
     def start(*arguments, **options):
         raise AssertionError("it started")
 
-    monkeypatch.setattr(command, "run_system", start)
+    monkeypatch.setattr(on_console, "run_system", start)
     result = run("run", "reference", override, "--out", tmp_path / "run")
     if expected:
         assert result.exit_code == 2, result.output
@@ -191,9 +191,7 @@ def test_parameters_are_checked_before_anything_starts(override, expected, tmp_p
     ],
 )
 def test_a_scenario_is_checked_before_anything_starts(changed, expected, tmp_path, monkeypatch):
-    from vtff_bringup.commands import run as command
-
-    monkeypatch.setattr(command, "run_system", lambda *_, **__: pytest.fail("it started"))
+    monkeypatch.setattr(on_console, "run_system", lambda *_, **__: pytest.fail("it started"))
     scenario = find_system_file("formation_three").parents[1] / "scenario/formation_three.yaml"
     text = scenario.read_text(encoding="utf-8")
     assert changed[0] in text
@@ -207,9 +205,7 @@ def test_a_scenario_is_checked_before_anything_starts(changed, expected, tmp_pat
 
 
 def test_a_wrong_scenario_is_named_by_shipped_and_own_system_files(tmp_path, monkeypatch):
-    from vtff_bringup.commands import run as command
-
-    monkeypatch.setattr(command, "run_system", lambda *_, **__: pytest.fail("it started"))
+    monkeypatch.setattr(on_console, "run_system", lambda *_, **__: pytest.fail("it started"))
     config = tmp_path / "config"
     shutil.copytree(find_system_file("formation_three").resolve().parents[1], config)
     text = (config / "scenario/formation_three.yaml").read_text(encoding="utf-8")
@@ -229,9 +225,7 @@ def test_a_wrong_scenario_is_named_by_shipped_and_own_system_files(tmp_path, mon
 
 
 def test_a_wrong_parameter_of_a_system_file_names_file_node_and_parameter(tmp_path, monkeypatch):
-    from vtff_bringup.commands import run as command
-
-    monkeypatch.setattr(command, "run_system", lambda *_, **__: pytest.fail("it started"))
+    monkeypatch.setattr(on_console, "run_system", lambda *_, **__: pytest.fail("it started"))
     config = tmp_path / "config"
     shutil.copytree(find_system_file("reference_software").resolve().parents[1], config)
     own = config / "system/own.yaml"
@@ -256,9 +250,7 @@ def test_a_wrong_parameter_of_a_system_file_names_file_node_and_parameter(tmp_pa
     ],
 )
 def test_receivers_are_checked_before_anything_starts(changed, expected, tmp_path, monkeypatch):
-    from vtff_bringup.commands import run as command
-
-    monkeypatch.setattr(command, "run_system", lambda *_, **__: pytest.fail("it started"))
+    monkeypatch.setattr(on_console, "run_system", lambda *_, **__: pytest.fail("it started"))
     world = find_system_file("realistic").resolve().parents[1] / "gnss/realistic.yaml"
     text = world.read_text(encoding="utf-8").replace(
         "./realistic.atx", f"{world.parent}/realistic.atx"

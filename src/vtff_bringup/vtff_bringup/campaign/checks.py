@@ -34,6 +34,7 @@ from vtff_bringup.system.extension import join_system
 from vtff_bringup.system.system_file import find_system_file, load_system
 from vtff_bringup.system.yaml_file import read_mapping, resolve_file
 from vtff_node.executables import ExecutableNotFoundError, node_class
+from vtff_node.node import CommonParameters
 from vtff_node.parameters import ParameterError, check
 from vtff_node.plain_yaml import format_yaml
 from vtff_sim_bridge.gnss.configuration import load_gnss_configuration
@@ -378,8 +379,6 @@ class _Planner:
 
 def _tables(campaign: Campaign, node: NodeDescription) -> list[type]:
     """Return the parameter tables of a node's class."""
-    from vtff_node.node import CommonParameters
-
     try:
         own = node_class(node.package, node.executable).Parameters
     except (ExecutableNotFoundError, ImportError) as error:

@@ -11,6 +11,9 @@ from dataclasses import dataclass
 from multiprocessing import resource_tracker
 from typing import Any
 
+import dask
+import distributed
+
 __all__ = ["ClusterError", "RemoteCluster", "connected_client"]
 
 WORKER_DEATHS = 2
@@ -62,9 +65,6 @@ def connected_client(
     ClusterError
         If the scheduler cannot be reached, or the cluster of this machine not be started.
     """
-    import dask
-    import distributed
-
     for name in ("distributed", "tornado", "bokeh", "asyncio"):
         logging.getLogger(name).setLevel(logging.CRITICAL)
     if remote is not None:
@@ -125,9 +125,6 @@ def _interrupts_held() -> Iterator[None]:
 
 @contextlib.contextmanager
 def _remote_client(remote: RemoteCluster) -> Iterator[Any]:
-    import dask
-    import distributed
-
     security = None
     if remote.ca_file is not None:
         security = distributed.Security(

@@ -10,6 +10,8 @@ from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
+from distributed.scheduler import KilledWorker
+
 from vtff_bringup.campaign.cases import Case
 from vtff_bringup.campaign.cluster import ClusterError
 from vtff_bringup.campaign.plan import FlightPlan
@@ -164,8 +166,6 @@ class _Flights:
 
 def _reason(error: BaseException) -> str:
     """Tell on one line why Dask gave a case up."""
-    from distributed.scheduler import KilledWorker
-
     if isinstance(error, KilledWorker):
         count = error.allowed_failures + 1
         return f"ended its worker {count} times (crash, too little memory, or over the time-out)"

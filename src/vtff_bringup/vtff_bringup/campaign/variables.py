@@ -9,6 +9,8 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from scipy import stats
+from scipy.stats import qmc
 
 from vtff_sim_bridge.truth.scenario_fields import Section
 
@@ -112,8 +114,6 @@ def sample_variables(
     ValueError
         If a distribution gives a value that is not finite.
     """
-    from scipy.stats import qmc
-
     generator = np.random.default_rng(seed)
     if design == "sobol":
         points = qmc.Sobol(len(variables), scramble=True, seed=generator).random(count)
@@ -160,8 +160,6 @@ def _range(entry: Section) -> tuple[float, ...]:
 
 def _distribution(entry: Section) -> Any:
     """Return the frozen distribution of scipy.stats that an entry describes."""
-    from scipy import stats  # takes half a second to import, and workers do without it
-
     name = entry.text("distribution")
     family = getattr(stats, name, None)
     if not isinstance(family, (stats.rv_continuous, stats.rv_discrete)):

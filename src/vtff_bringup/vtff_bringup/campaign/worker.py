@@ -16,6 +16,8 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
+from distributed import get_worker
+
 from vtff_bag.run.environment import describe_environment
 from vtff_bringup.campaign.cases import Case
 from vtff_bringup.campaign.library_flight import fly_library_case
@@ -130,8 +132,6 @@ def _keep(plan: FlightPlan, folder: pathlib.Path) -> str | None:
 @contextmanager
 def _scratch_folder() -> Iterator[pathlib.Path]:
     """Yield a folder of this worker that goes when the case is done."""
-    from distributed import get_worker
-
     try:
         parent = get_worker().local_directory
     except ValueError:  # not on a worker: a case that is repeated by itself

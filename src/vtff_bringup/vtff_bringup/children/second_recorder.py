@@ -13,6 +13,8 @@ import shutil
 import signal
 from collections.abc import Callable
 
+from vtff_bag.file.completion import complete_bag
+from vtff_bag.file.errors import BagError
 from vtff_bringup.children.processes import ManagedProcess
 from vtff_bringup.children.standstill import StandstillWatch
 from vtff_bringup.system.description import NodeDescription
@@ -166,10 +168,6 @@ def _drop_second(recorder: _Recorder) -> None:
 
 
 def _complete(recorder: _Recorder) -> str:
-    # Imported here: few runs need it.
-    from vtff_bag.file.completion import complete_bag
-    from vtff_bag.file.errors import BagError
-
     try:
         count = complete_bag(recorder.bag, recorder.second_bag)
     except BagError as error:

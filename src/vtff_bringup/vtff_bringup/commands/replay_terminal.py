@@ -6,7 +6,9 @@ import contextlib
 import os
 import select
 import sys
+import termios
 import time
+import tty
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING
 
@@ -83,9 +85,6 @@ class Keyboard:
     def __enter__(self) -> Keyboard:
         """Set the terminal to single keys without echo."""
         with contextlib.suppress(ImportError, OSError, ValueError):
-            import termios
-            import tty
-
             descriptor = sys.stdin.fileno()
             if os.isatty(descriptor):
                 before = termios.tcgetattr(descriptor)

@@ -21,16 +21,8 @@ from vtff_bringup.discover.completion import (
 from vtff_bringup.run.console import make_console
 from vtff_bringup.run.errors import exit_with_error, print_error
 from vtff_bringup.run.exit_codes import EXIT_FAILURE, EXIT_USAGE
-from vtff_bringup.run.on_console import (
-    conclude_run,
-    exit_on_run_errors,
-    report_run,
-    run_system,
-)
 from vtff_bringup.system.description import RunSettings, SystemDescription
 from vtff_bringup.system.errors import SystemFileError
-from vtff_bringup.system.parameter_check import check_parameters
-from vtff_bringup.system.system_file import find_system_file, load_system
 
 if TYPE_CHECKING:
     from vtff_bag.file.reader import BagReader
@@ -84,7 +76,12 @@ def reprocess(
 
     Example: vtff reprocess bags/mine --set relative_ekf.estimator:=paper
     """
+    # Imported here, because numpy, scipy and rclpy take a while.
     from vtff_bag.file.reader import BagReader
+    from vtff_bringup.run.on_console import conclude_run, exit_on_run_errors, run_system
+    from vtff_bringup.run.reprocess import carry_over_parameters
+    from vtff_bringup.system.parameter_check import check_parameters
+    from vtff_bringup.system.system_file import find_system_file, load_system
 
     console = make_console()
     try:
@@ -105,20 +102,17 @@ def reprocess(
             command=command_line(without="--out"),
             composed=not distributed,
             verbose=verbose,
-            prepare=lambda: _carry_over_parameters(recorded, run_directory),
+            prepare=lambda: carry_over_parameters(recorded, run_directory),
         )
     exit_code, message_count = conclude_run(console, run_directory, result)
     if exit_code == 0:
         exit_code = _print_comparison(console, recorded, run_directory, description)
     if report and message_count and exit_code == 0:
+        # Imported after the flight, because matplotlib takes a while.
+        from vtff_bringup.run.reporting import report_run
+
         exit_code = report_run(console, run_directory)
     raise typer.Exit(exit_code)
-
-
-def _carry_over_parameters(recorded: BagReader, run_directory: pathlib.Path) -> None:
-    from vtff_bringup.run.reprocess import carry_over_parameters
-
-    carry_over_parameters(recorded, run_directory)
 
 
 def _print_comparison(

@@ -12,21 +12,10 @@ from vtff_bag.run.folder import RunFolderError, output_folder
 from vtff_bringup.commands.command_line import command_line, folder_option
 from vtff_bringup.discover.completion import complete_override, complete_system
 from vtff_bringup.hosts.run_order import RunOrder
-from vtff_bringup.hosts.take_part import check_host, conclude_on_other_host, take_part
 from vtff_bringup.run.console import make_console
 from vtff_bringup.run.errors import exit_with_error
 from vtff_bringup.run.exit_codes import EXIT_INTERRUPTED, EXIT_USAGE
-from vtff_bringup.run.flown import has_flown
-from vtff_bringup.run.host_session import Conclusion, HostSession
-from vtff_bringup.run.on_console import (
-    conclude_run,
-    exit_on_run_errors,
-    report_run,
-    run_system,
-)
 from vtff_bringup.system.errors import SystemFileError
-from vtff_bringup.system.parameter_check import check_files, check_parameters
-from vtff_bringup.system.system_file import find_system_file, load_system
 
 
 def run(
@@ -99,6 +88,14 @@ def run(
     On several machines (docs/hosts.md): vtff run reference_hosts chief_address:=192.0.2.1
     deputy_address:=192.0.2.2 --host chief on one, the same with --host deputy on the other.
     """
+    # Imported here, because numpy, scipy and rclpy take a while.
+    from vtff_bringup.hosts.take_part import check_host, conclude_on_other_host, take_part
+    from vtff_bringup.run.flown import has_flown
+    from vtff_bringup.run.host_session import Conclusion, HostSession
+    from vtff_bringup.run.on_console import conclude_run, exit_on_run_errors, run_system
+    from vtff_bringup.system.parameter_check import check_files, check_parameters
+    from vtff_bringup.system.system_file import find_system_file, load_system
+
     console = make_console()
     if max_lag is not None and not realtime:
         raise exit_with_error(console, "--max-lag needs --realtime", EXIT_USAGE)
@@ -149,6 +146,9 @@ def run(
         if not has_flown(run_directory):
             console.print("nothing flew before the end: no report")
             raise typer.Exit(exit_code)
+        # Imported after the flight, because matplotlib takes a while.
+        from vtff_bringup.run.reporting import report_run
+
         exit_code = report_run(console, run_directory) or exit_code
         console.print(f"look at it: vtff view {run_directory}", markup=False, soft_wrap=True)
     raise typer.Exit(exit_code)

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import importlib.metadata
 import pathlib
+
+from vtff_node.executables import ExecutableNotFoundError, share_folder
 
 __all__ = ["FOLDERS", "KINDS", "config_files", "nodes"]
 
@@ -14,8 +17,6 @@ FOLDERS = {"systems": "system", "scenarios": "scenario", "worlds": "gnss", "camp
 
 def config_files(kind: str) -> list[pathlib.Path]:
     """Return the files of a kind by name: those of ``config`` here, then the installed ones."""
-    from vtff_node.executables import ExecutableNotFoundError, share_folder
-
     folders = [pathlib.Path("config")]
     try:
         folders.append(share_folder("vtff_bringup") / "config")
@@ -30,9 +31,6 @@ def config_files(kind: str) -> list[pathlib.Path]:
 
 def nodes() -> list[tuple[str, str, str]]:
     """Return name, package and module of each installed node of vtff, by name."""
-    # Imported here, because a help text needs no list of nodes.
-    import importlib.metadata
-
     found = [
         (script.name, distribution.name.replace("-", "_"), script.module)
         for distribution in importlib.metadata.distributions()

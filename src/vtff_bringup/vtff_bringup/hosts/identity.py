@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import hashlib
+import importlib.metadata
+import importlib.util
 import json
 import pathlib
 from collections.abc import Iterator, Mapping
@@ -23,9 +25,6 @@ def version_text() -> str:
     The digest covers the Python modules and the message definitions, so that two states of one
     version under development differ.
     """
-    # Imported here and below, because a help text needs no identity.
-    import importlib.metadata
-
     digest = hashlib.sha256()
     for path, name in sorted(_sources(), key=lambda item: item[1]):
         digest.update(name.encode() + b"\0" + path.read_bytes() + b"\0")
@@ -34,9 +33,6 @@ def version_text() -> str:
 
 
 def _sources() -> Iterator[tuple[pathlib.Path, str]]:
-    import importlib.metadata
-    import importlib.util
-
     names = {
         str(distribution.metadata["Name"]).replace("-", "_")
         for distribution in importlib.metadata.distributions()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pathlib
 
 from vtff_bag.file.errors import BagReadError
+from vtff_bag.file.reader import BagReader
 
 __all__ = ["has_flown", "require_flight"]
 
@@ -22,9 +23,6 @@ def has_flown(path: pathlib.Path) -> bool:
     vtff_bag.file.errors.BagReadError
         If there is no bag.
     """
-    # Imported here, because a help text needs no reader of bags.
-    from vtff_bag.file.reader import BagReader
-
     topics = BagReader(path).topics
     return any(topic.message_count for name, topic in topics.items() if name not in SELF_REPORTS)
 

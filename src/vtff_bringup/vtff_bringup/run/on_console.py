@@ -11,6 +11,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from vtff_bag.file.errors import BagError
+from vtff_bag.file.reader import RUN_SUBDIRECTORY, BagReader
 from vtff_bag.run.description import COMMAND_KEY, add_measured, write_arguments
 from vtff_bag.run.folder import remove_if_empty
 from vtff_bringup.run.domain import DOMAIN_VARIABLE, DomainOccupiedError
@@ -23,7 +24,7 @@ from vtff_bringup.system.description import RunSettings, SystemDescription
 from vtff_bringup.system.errors import SystemFileError
 from vtff_node.executables import ExecutableNotFoundError
 
-__all__ = ["conclude_run", "exit_on_run_errors", "report_run", "run_system"]
+__all__ = ["conclude_run", "exit_on_run_errors", "run_system"]
 
 
 @contextlib.contextmanager
@@ -133,9 +134,6 @@ def conclude_run(
     console: Console, run_directory: pathlib.Path, result: RunResult
 ) -> tuple[int, int]:
     """Print how the run ended; return the exit code and the number of messages in the bag."""
-    # Imported here, because a help text needs no reader of bags.
-    from vtff_bag.file.reader import RUN_SUBDIRECTORY, BagReader
-
     exit_code = result.exit_code
     if result.reason:
         console.print(f"[red]{escape(result.reason)}[/red]", soft_wrap=True)
@@ -164,22 +162,6 @@ def conclude_run(
         line = f"[red]the disk is full:[/red] {escape(result.full_disk)}"
         console.print(line, soft_wrap=True)
     return exit_code, message_count
-
-
-def report_run(console: Console, run_directory: pathlib.Path) -> int:
-    """Write the report of a run; return an exit code, 0 if it is written."""
-    try:
-        # Imported here, because matplotlib takes a while.
-        from vtff_analysis.report import write_report
-
-        write_report(run_directory, console)
-    except KeyboardInterrupt:
-        console.print("[red]report interrupted[/red]; the bag is complete")
-        return EXIT_INTERRUPTED
-    except (BagError, OSError) as error:
-        console.print(f"[red]error:[/red] no report: {escape(str(error))}")
-        return EXIT_FAILURE
-    return 0
 
 
 def _check_bag(

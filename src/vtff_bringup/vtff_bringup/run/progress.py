@@ -10,11 +10,12 @@ from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 from rich.markup import escape
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from vtff_bringup.system.description import NodeDescription, SystemDescription
 
 if TYPE_CHECKING:
-    from rich.progress import Progress, TaskID
+    from rich.progress import TaskID
 
 #: Without a terminal, a line is printed each time another such fraction of the run is done.
 LINE_FRACTION = 0.1
@@ -35,8 +36,6 @@ class RunProgress:
         self._task: TaskID | None = None
         self._bar: Progress | None = None
         if console.is_interactive:
-            from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
-
             self._bar = Progress(
                 BarColumn(bar_width=30),
                 TextColumn("{task.description}"),

@@ -12,6 +12,12 @@ from vtff_bringup.system.errors import SystemFileError
 from vtff_bringup.system.overrides import parse_override
 from vtff_bringup.system.references import NUMBER_OF_DEPUTIES
 from vtff_node.executables import ExecutableNotFoundError, node_class
+from vtff_node.node import CommonParameters
+from vtff_node.parameters import ParameterError, check, check_values, default_of, fields_in_order
+from vtff_node.plugins.loading import PluginError, load_plugin
+from vtff_sim_bridge.gnss.configuration import load_gnss_configuration
+from vtff_sim_bridge.truth.scenario import load_scenario
+from vtff_sim_bridge.truth.scenario_fields import ScenarioError
 
 __all__ = ["check_files", "check_parameters", "parameter_tables"]
 
@@ -51,8 +57,6 @@ def check_files(system: SystemDescription) -> None:
         _check_scenario(system)
     is_emulated = any(process.executable == "simgen_emulator" for process in system.processes)
     if arguments.get("gnss") and is_emulated:
-        from vtff_sim_bridge.gnss.configuration import load_gnss_configuration
-
         try:
             load_gnss_configuration(str(arguments["gnss"]))
         except (OSError, ValueError) as error:
@@ -60,10 +64,6 @@ def check_files(system: SystemDescription) -> None:
 
 
 def _check_scenario(system: SystemDescription) -> None:
-    # Imported here: numpy comes with it, and no command should wait for that to print its help.
-    from vtff_sim_bridge.truth.scenario import load_scenario
-    from vtff_sim_bridge.truth.scenario_fields import ScenarioError
-
     number = system.arguments.get(NUMBER_OF_DEPUTIES) or 0
     try:
         load_scenario(str(system.arguments["scenario"]), number_of_deputies=number)
@@ -72,8 +72,6 @@ def _check_scenario(system: SystemDescription) -> None:
 
 
 def _check_node(node: NodeDescription) -> None:
-    from vtff_node.parameters import ParameterError, check_values
-
     values = node.all_parameters()
     try:
         tables = parameter_tables(node.package, node.executable, values)
@@ -103,10 +101,6 @@ def parameter_tables(package: str, executable: str, values: dict[str, Any]) -> l
     SystemFileError
         If the plug-in is not installed or cannot be loaded.
     """
-    from vtff_node.node import CommonParameters
-    from vtff_node.parameters import check, default_of, fields_in_order
-    from vtff_node.plugins.loading import PluginError, load_plugin
-
     found = node_class(package, executable)
     tables = [table for table in (found.Parameters, CommonParameters) if table is not None]
     if found.Plugins is not None:

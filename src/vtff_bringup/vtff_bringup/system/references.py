@@ -9,6 +9,8 @@ from typing import Any
 from vtff_bringup.system.errors import SystemFileError
 from vtff_bringup.system.free_ports import choose_free_port
 from vtff_bringup.system.yaml_file import read_mapping, resolve_file
+from vtff_sim_bridge.truth.repeated_spacecraft import repeat_spacecraft
+from vtff_sim_bridge.truth.scenario_fields import DEFAULT_HARD_RADIUS, ScenarioError
 
 __all__ = ["DEPUTY", "SPACECRAFT", "References"]
 
@@ -165,10 +167,6 @@ class References:
         raise SystemFileError(f"{self._path}: {where}: unknown ${{{name}}}; known: {names}")
 
     def _read_scenario(self) -> dict[str, Any]:
-        # Imported here: numpy comes with it, and no command should wait for that to print its help.
-        from vtff_sim_bridge.truth.repeated_spacecraft import repeat_spacecraft
-        from vtff_sim_bridge.truth.scenario_fields import DEFAULT_HARD_RADIUS, ScenarioError
-
         path = pathlib.Path(str(self.values["scenario"]))
         resolve_file(path.parent, path.name)
         number = self.values.get(NUMBER_OF_DEPUTIES) or 0

@@ -75,6 +75,7 @@ from vtff_bringup.system.references import (
     References,
 )
 from vtff_bringup.system.yaml_file import read_mapping, resolve_file
+from vtff_gnss.files.observation_files import ObservationFileError, check_receiver_log
 from vtff_node.executables import ExecutableNotFoundError, share_folder
 
 __all__ = ["find_system_file", "list_settable", "load_system"]
@@ -482,9 +483,6 @@ def _with_craft(value: Any, kind: str, craft: str) -> Any:
 
 
 def _check_receiver_log(argument: str, file: pathlib.Path) -> None:
-    # Imported here, because few systems read a log.
-    from vtff_gnss.files.observation_files import ObservationFileError, check_receiver_log
-
     try:
         check_receiver_log(file)
     except ObservationFileError as error:
