@@ -6,16 +6,13 @@ import os
 import re
 import time
 from types import TracebackType
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from rich.console import Console
 from rich.markup import escape
-from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
 
 from vtff_bringup.system.description import NodeDescription, SystemDescription
-
-if TYPE_CHECKING:
-    from rich.progress import TaskID
 
 #: Without a terminal, a line is printed each time another such fraction of the run is done.
 LINE_FRACTION = 0.1

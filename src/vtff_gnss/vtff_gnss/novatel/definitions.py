@@ -6,27 +6,23 @@ import functools
 import struct
 from typing import Any
 
+import novatel_edie
+from novatel_edie import oem
+
 from vtff_gnss.novatel.framing import CRC_LENGTH, MIN_HEADER_LENGTH, crc32_novatel
 
 __all__ = ["MessageDecoder", "log_name"]
 
 LONG_BINARY_SYNC = b"\xaa\x44\x12"
 
+#: What novatel_edie raises; MemoryError at counts that the payload contradicts.
+_DECODING_ERRORS = (novatel_edie.NovatelEdieException, RuntimeError, ValueError, MemoryError)
+
 
 @functools.cache
 def _database() -> Any:
     """Return NovAtel's definitions, read when the first log is: many nodes never decode one."""
-    from novatel_edie import oem
-
     return oem.get_builtin_database()
-
-
-@functools.cache
-def _decoding_errors() -> tuple[type[Exception], ...]:
-    """Return what novatel_edie raises; MemoryError at counts that the payload contradicts."""
-    import novatel_edie
-
-    return (novatel_edie.NovatelEdieException, RuntimeError, ValueError, MemoryError)
 
 
 def log_name(message_id: int) -> str:
@@ -43,9 +39,6 @@ class MessageDecoder:
     """
 
     def __init__(self) -> None:
-        import novatel_edie
-        from novatel_edie import oem
-
         self._message_types = oem.Message | oem.Response
         novatel_edie.disable_internal_logging()
         self._parser = oem.Parser()
@@ -67,7 +60,7 @@ class MessageDecoder:
         try:
             self._parser.write(content)
             messages = list(self._parser)
-        except _decoding_errors():
+        except _DECODING_ERRORS:
             messages = []
         finally:
             self._parser.flush()
@@ -86,7 +79,7 @@ class MessageDecoder:
             return None
         try:
             binary = bytes(message.to_binary().message)
-        except _decoding_errors():
+        except _DECODING_ERRORS:
             return None
         return binary if binary.startswith(LONG_BINARY_SYNC) else None
 
