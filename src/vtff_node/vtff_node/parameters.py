@@ -7,8 +7,7 @@ A node lists its parameters once::
         cap: float = parameter(1.4, "largest acceleration on each axis", unit="m/s^2", minimum=0.0)
 
 `declare` turns the table into ROS parameters with description, unit and range, and
-returns the dataclass filled with the values in force. This module imports ROS only
-inside `declare`, so that a table can be read without it.
+returns the dataclass filled with the values in force.
 """
 
 from __future__ import annotations
@@ -19,6 +18,10 @@ import math
 import sys
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, TypeVar
+
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
+from rclpy.parameter import Parameter
 
 TableT = TypeVar("TableT")
 
@@ -197,8 +200,6 @@ def declare(node: Any, table: type[TableT]) -> TableT:
     ParameterError
         If a required parameter is missing, has the wrong type or lies outside its range.
     """
-    from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
-
     values: dict[str, Any] = {}
     for field in dataclasses.fields(table):  # type: ignore[arg-type]
         try:
@@ -284,9 +285,6 @@ def _refuse_unknown_names(node_name: str, given: Iterable[str], declared: Iterab
 
 
 def _declare_field(node: Any, field: dataclasses.Field[Any]) -> Any:
-    from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
-    from rclpy.parameter import Parameter
-
     types = {
         "bool": Parameter.Type.BOOL,
         "int": Parameter.Type.INTEGER,

@@ -11,6 +11,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any
 
+from rclpy.exceptions import InvalidHandle
+
 __all__ = ["take_unannounced"]
 
 
@@ -40,8 +42,6 @@ def take_unannounced(subscriptions: Iterable[Any]) -> int:
 
 def _take_all(subscription: Any) -> list[Any]:
     """Return the waiting messages of a subscription, the oldest first."""
-    from rclpy.exceptions import InvalidHandle
-
     handle, kind, is_raw = subscription.handle, subscription.msg_type, subscription.raw
     messages = []
     try:
