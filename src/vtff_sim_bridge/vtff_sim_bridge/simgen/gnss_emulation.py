@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import gc
 import logging
 import select
 from collections.abc import Callable, Sequence
@@ -353,7 +352,7 @@ class GnssEmulation:
         self._truth.close()
         self._truth = TruthFile(self._truth_path)
         first = machine.motions[self._configuration.receivers[0].vehicle].at(0)
-        receivers = ReceiverSet(
+        return ReceiverSet(
             self._configuration,
             self._emulated,
             start,
@@ -362,6 +361,3 @@ class GnssEmulation:
             self._truth,
             machine.power_commands,
         )
-        # All that is there now stays to the end of the run: no collection has to look at it again.
-        gc.freeze()
-        return receivers
