@@ -99,9 +99,8 @@ class _Ambiguities(TruthFile):
         """Whether records are kept."""
         return True
 
-    def write_later(self, record: str, make_fields: Callable[[], dict[str, Any]]) -> None:
+    def write(self, record: str, **fields: Any) -> None:
         """Keep the ambiguity of an arc, and the turns of the antenna under each satellite."""
-        fields = make_fields()
         if record == "second" and "wind_up" in fields:
             satellites = map(satellite_from_name, fields["satellites"])
             turns = zip(satellites, fields["wind_up"], strict=True)

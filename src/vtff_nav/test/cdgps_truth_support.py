@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import bisect
 from collections import Counter, defaultdict
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -40,9 +40,8 @@ class TruthRecorder(TruthFile):
         """Whether records are kept."""
         return True
 
-    def write_later(self, record: str, make_fields: Callable[[], dict[str, Any]]) -> None:
+    def write(self, record: str, **fields: Any) -> None:
         """Keep a record of kind ``arc`` or ``second``."""
-        fields = make_fields()
         if record == "arc":
             key = (fields["receiver"], fields["satellite"], fields["signal"])
             times, cycles = self.arcs[key]
