@@ -36,7 +36,7 @@ setup(
         ],
         "vtff.estimators": [
             "cdgps = vtff_nav.relative.shipped_estimators:make_cdgps",
-            "paper = vtff_nav.relative.shipped_estimators:make_paper",
+            "paper = vtff_nav.relative.shipped_paper:make_paper",
         ],
     },
 )

@@ -1,18 +1,15 @@
-"""The estimators that vtff ships, as plug-ins of ``vtff.estimators``."""
+"""The estimator cdgps as a plug-in of ``vtff.estimators``."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from vtff_nav.relative.cdgps.configuration import CdgpsConfiguration
 from vtff_nav.relative.cdgps.estimator import CdgpsEstimator
 from vtff_nav.relative.common.dynamics import MotionNoise
 from vtff_nav.relative.common.estimator_setting import EstimatorSetting
 
-if TYPE_CHECKING:
-    from vtff_nav.relative.paper.estimator import PaperEstimator
-
-__all__ = ["make_cdgps", "make_paper"]
+__all__ = ["common_options", "make_cdgps"]
 
 
 def make_cdgps(setting: EstimatorSetting) -> CdgpsEstimator:
@@ -42,29 +39,13 @@ def make_cdgps(setting: EstimatorSetting) -> CdgpsEstimator:
         plasma_gradient_sigma_tecu_per_deg=setting.plasma_gradient_sigma,
         success_rate=setting.success_rate,
         antennas=setting.antennas,
-        **_common(setting),
+        **common_options(setting),
     )
     return CdgpsEstimator(configuration)
 
 
-def make_paper(setting: EstimatorSetting) -> PaperEstimator:
-    """Return the paper's filter of 8 states, with the phase of one signal.
-
-    Raises
-    ------
-    ValueError
-        If a value is not possible; the text names it.
-    """
-    # Imported here: filterpy imports most of scipy, which takes a second.
-    from vtff_nav.relative.paper.estimator import PaperConfiguration, PaperEstimator
-
-    if setting.antennas is not None and not setting.antennas.are_central:
-        raise ValueError("antennas: the estimator paper takes them to be in the centres of mass")
-    return PaperEstimator(PaperConfiguration(**_common(setting)))
-
-
-def _common(setting: EstimatorSetting) -> dict[str, Any]:
-    """Return what both filters take."""
+def common_options(setting: EstimatorSetting) -> dict[str, Any]:
+    """Return the options of the configurations of both shipped estimators."""
     common: dict[str, Any] = {
         "measurement_noise": setting.measurement_noise,
         "elevation_mask_deg": setting.elevation_mask_deg,
