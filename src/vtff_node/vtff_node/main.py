@@ -88,7 +88,6 @@ def spin(nodes: Sequence[VtffNode], stop: StopRequest) -> int:
     # What is there now stays to the end: no collection has to look at it again.
     gc.freeze()
     gc.set_threshold(OBJECTS_BETWEEN_COLLECTIONS)
-    gc.enable()
     executor = make_executor()
     ended: Future = Future()
 

@@ -7,7 +7,6 @@ arguments of each node.
 from __future__ import annotations
 
 import functools
-import gc
 import json
 import pathlib
 import sys
@@ -32,8 +31,6 @@ def make_factories(entries: list[dict[str, Any]]) -> list[functools.partial[Any]
 
 def main() -> None:
     """Run the nodes that the file on the command line lists."""
-    # Imports make many objects and no garbage: looking for it takes a tenth of them.
-    gc.disable()
     entries = json.loads(pathlib.Path(sys.argv[1]).read_text(encoding="utf-8"))
     factories = make_factories(entries)
     leave_process(run_nodes(factories, sys.argv[:1]))
