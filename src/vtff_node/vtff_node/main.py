@@ -33,6 +33,11 @@ from vtff_node.process.priority import (
 )
 from vtff_node.process.stop_signals import StopRequest
 
+try:
+    from rclpy.experimental import EventsExecutor as NodeExecutor
+except ImportError:
+    from rclpy.executors import SingleThreadedExecutor as NodeExecutor
+
 #: Longest wait of the executor, s. It is finite, because the EventsExecutor of the wheels never
 #: returns from an infinite wait, and short, because it bounds the reaction to a signal.
 SPIN_TIMEOUT = 0.1
@@ -68,13 +73,7 @@ NodeFactory = Callable[..., VtffNode]
 
 def make_executor() -> Any:
     """Return an EventsExecutor, or a SingleThreadedExecutor where rclpy has none."""
-    try:
-        from rclpy.experimental import EventsExecutor
-    except ImportError:
-        from rclpy.executors import SingleThreadedExecutor
-
-        return SingleThreadedExecutor()
-    return EventsExecutor()
+    return NodeExecutor()
 
 
 def spin(nodes: Sequence[VtffNode], stop: StopRequest) -> int:
