@@ -11,8 +11,8 @@ import pytest
 from formation_recording import formation_seconds
 from graph_support import ROOT, assert_equal_messages, topics
 
-from vtff_analysis.tec.processing import process
 from vtff_analysis.tec.bag_sources import from_bag
+from vtff_analysis.tec.processing import process
 from vtff_bag.file.message_content import read_content
 from vtff_bag.file.reader import BagReader
 from vtff_dynamics.constants import SPEED_OF_LIGHT

@@ -1,58 +1,58 @@
-"""Compilation by `numba.njit` of loops that no array operation can express."""
+"""Compilation by `numba.njit(cache=True)` of loops that no array operation can express.
+
+numba alone runs old code after a change in a callee or in a constant of another module, and damage.
+"""
 
 import contextlib
 import functools
-import os
 import pathlib
 import pickle
-import sys
 from hashlib import sha256
 from typing import Any
 
 import numba
-from numba.core import caching, compiler, serialize
+from numba.core import caching, serialize
 
 
 def compiled(function: Any) -> Any:
-    """Return a function that numba compiles, and keeps in NUMBA_CACHE_DIR or ~/.cache."""
-    dispatcher = numba.njit(function)
-    dispatcher._cache = _Files(function)
+    """Return a function that numba compiles and keeps in NUMBA_CACHE_DIR or beside its source."""
+    try:
+        dispatcher = numba.njit(cache=True)(function)
+    except RuntimeError:  # no folder can be written
+        return numba.njit(function)
+    if dispatcher is not function:  # as it is with NUMBA_DISABLE_JIT
+        dispatcher._cache._cache_file = _Files(dispatcher._cache, function)
     return dispatcher
 
 
-class _Files(caching.NullCache):  # that of numba returns damaged code, and code of old callees
-    def __init__(self, function: Any) -> None:
+class _Files(caching.IndexDataCacheFile):
+    # The stamp is a digest of all that the function uses; each file ends with a checksum; types of
+    # arguments include the names of fields, which numba leaves out.
+    def __init__(self, cache: Any, function: Any) -> None:
+        super().__init__(cache.cache_path, cache._impl.filename_base, source_stamp=None)
         self._function = function
 
-    def _path(self, types: Any, codegen: Any) -> pathlib.Path:
-        base = os.environ.get("NUMBA_CACHE_DIR") or os.environ.get("XDG_CACHE_HOME") or "~/.cache"
-        name = f"{self._function.__module__}.{self._function.__qualname__}"
-        key = f"{[(t, getattr(t, 'fields', 0)) for t in types]}{codegen.magic_tuple()}{sys.version}"
-        return pathlib.Path(base, "vtff", name, sha256(key.encode()).hexdigest()).expanduser()
+    def load(self, key: Any) -> Any:
+        self._source_stamp = _digest(self._function)  # its module is complete now
+        with contextlib.suppress(OSError):  # it is made again
+            for path in pathlib.Path(self._cache_path).glob(self._index_name[:-3] + "*nb[ic]"):
+                content = path.read_bytes().removeprefix(pickle.dumps(self._version, protocol=-1))
+                if sha256(content[:-32]).digest() != content[-32:]:
+                    path.unlink()
+            return super().load((key, *(getattr(each, "fields", 0) for each in key[0])))
 
-    def load_overload(self, sig: Any, target_context: Any) -> Any:
-        target_context.refresh()
-        with contextlib.suppress(OSError, RuntimeError):  # there is no file, or no home
-            content = self._path(sig, target_context.codegen()).read_bytes()
-            if content[:32] == sha256(content[32:] + _digest(self._function)).digest():
-                return compiler.CompileResult._rebuild(target_context, *pickle.loads(content[32:]))
+    def save(self, key: Any, data: Any) -> None:
+        with contextlib.suppress(OSError):  # such as a full disk
+            super().save((key, *(getattr(each, "fields", 0) for each in key[0])), data)
 
-    def save_overload(self, sig: Any, data: Any) -> None:
-        if data.library.has_dynamic_globals:  # addresses of this process
-            return
-        content = serialize.dumps(data._reduce())
-        with contextlib.suppress(OSError, RuntimeError):  # nothing can be written
-            path = self._path(sig, data.codegen)
-            path.parent.mkdir(parents=True, exist_ok=True)
-            part = path.with_suffix(f".{os.getpid()}")
-            part.write_bytes(sha256(content + _digest(self._function)).digest() + content)
-            part.replace(path)
+    def _dump(self, content: Any) -> bytes:
+        pickled = super()._dump(content)
+        return bytes(pickled + sha256(pickled).digest())
 
 
 @functools.cache
 def _digest(function: Any) -> bytes:
-    """Return a hash of numba and of a function's file, the constants and functions that it uses."""
-    parts = [numba.__version__.encode(), pathlib.Path(function.__code__.co_filename).read_bytes()]
+    parts = [pathlib.Path(function.__code__.co_filename).read_bytes()]
     for name in function.__code__.co_names:
         used = function.__globals__.get(name)
         parts.append(_digest(used.py_func) if hasattr(used, "py_func") else serialize.dumps(used))
