@@ -12,13 +12,13 @@ import pytest
 
 rclpy = pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
-from builtin_interfaces.msg import Time  # noqa: E402
 from cdgps_test_support import START, Scenario, simulate  # noqa: E402
 from geometry_msgs.msg import AccelStamped  # noqa: E402
 from node_bench import NodeBench  # noqa: E402
 from rclpy.parameter import Parameter  # noqa: E402
 from rosgraph_msgs.msg import Clock  # noqa: E402
 
+from vtff_dynamics.time.timescales import GpsTime  # noqa: E402
 from vtff_gnss.observations import OBSERVATION_COLUMNS, ObservationEpoch  # noqa: E402
 from vtff_msgs.msg import (  # noqa: E402
     AmbiguityStatus,
@@ -86,11 +86,11 @@ def test_thrust_that_is_not_finite_is_refused(bench: Bench):
     assert bench.states[0].solution == RelativeState.SOLUTION_NONE
 
 
-def message_of(epoch: ObservationEpoch, stamp: Time) -> GnssObservations:
-    """Return the message of an epoch."""
-    time = epoch.time
-    message = GnssObservations(gps_week=time.week, gps_time_of_week=time.time_of_week)
-    message.header.stamp = stamp
+def message_of(epoch: ObservationEpoch, time: GpsTime) -> GnssObservations:
+    """Return the message of an epoch whose true time is given."""
+    tag = epoch.time
+    message = GnssObservations(gps_week=tag.week, gps_time_of_week=tag.time_of_week)
+    message.header.stamp = to_stamp(time.to_unix_nanoseconds())
     for name in OBSERVATION_COLUMNS:
         setattr(message, name, getattr(epoch, name))
     return message
@@ -123,9 +123,8 @@ def solutions_of(bench: Bench, scenario: Scenario, *, seconds: int) -> list[list
         node._on_ephemeris(ephemeris_to_message(ephemeris))
     for second in range(seconds):
         time = START + float(second)
-        stamp = to_stamp(time.to_unix_nanoseconds())
         chief, deputy = (
-            message_of(epochs[time], stamp) for epochs in (scenario.chief, scenario.deputy)
+            message_of(epochs[time], time) for epochs in (scenario.chief, scenario.deputy)
         )
         thrust = AccelStamped()
         thrust.header.stamp = to_stamp((time - 1.0).to_unix_nanoseconds())
