@@ -39,11 +39,11 @@ class _Files(caching.IndexDataCacheFile):
                 content = path.read_bytes().removeprefix(pickle.dumps(self._version, protocol=-1))
                 if sha256(content[:-32]).digest() != content[-32:]:
                     path.unlink()
-            return super().load((key, *(getattr(each, "fields", 0) for each in key[0])))
+            return super().load(f"{key} {[getattr(each, 'fields', 0) for each in key[0]]}")
 
     def save(self, key: Any, data: Any) -> None:
         with contextlib.suppress(OSError):  # such as a full disk
-            super().save((key, *(getattr(each, "fields", 0) for each in key[0])), data)
+            super().save(f"{key} {[getattr(each, 'fields', 0) for each in key[0]]}", data)
 
     def _dump(self, content: Any) -> bytes:
         pickled = super()._dump(content)
