@@ -255,6 +255,24 @@ def test_code_without_a_file_is_compiled_in_memory(tmp_path, monkeypatch):
     assert not [path for path in tmp_path.rglob("*") if path.is_file()]
 
 
+def test_types_that_two_processes_save_at_once_are_told_apart(tmp_path, monkeypatch):
+    """Both find an empty index and give their files the same number."""
+    monkeypatch.setattr("numba.config.CACHE_DIR", str(tmp_path / "cache"))
+    first, second = new_kernel(tmp_path), new_kernel(tmp_path)
+    first._cache._cache_file._load_index = dict
+    files = second._cache._cache_file
+    save_data = files._save_data
+
+    def save_after_the_first(name: str, content: object) -> None:
+        assert first(1.0) == 3.0
+        save_data(name, content)
+
+    files._save_data = save_after_the_first
+    assert second(2) == 6
+    assert new_kernel(tmp_path)(2.5) == 7.5
+    assert new_kernel(tmp_path)(2) == 6
+
+
 def test_processes_that_start_at_once_share_an_empty_folder(package):
     processes = [package.start() for _ in range(4)]
     found = [answer(process) for process in processes]

@@ -17,7 +17,7 @@ from numba.core import caching, serialize
 def compiled(function: Any) -> Any:
     """Return a function that numba compiles and keeps in NUMBA_CACHE_DIR or beside its source."""
     try:
-        dispatcher = numba.njit(cache=True)(function)
+        dispatcher: Any = numba.njit(cache=True)(function)
     except RuntimeError:  # no folder can be written
         return numba.njit(function)
     if dispatcher is not function:  # as it is with NUMBA_DISABLE_JIT
@@ -26,8 +26,7 @@ def compiled(function: Any) -> Any:
 
 
 class _Files(caching.IndexDataCacheFile):
-    # The stamp is a digest of all that the function uses; each file ends with a checksum; types of
-    # arguments include the names of fields, which numba leaves out.
+    # Its stamp is a digest of all that is used, its keys name fields, its files have a checksum.
     def __init__(self, cache: Any, function: Any) -> None:
         super().__init__(cache.cache_path, cache._impl.filename_base, source_stamp=None)
         self._function = function
@@ -39,7 +38,8 @@ class _Files(caching.IndexDataCacheFile):
                 content = path.read_bytes().removeprefix(pickle.dumps(self._version, protocol=-1))
                 if sha256(content[:-32]).digest() != content[-32:]:
                     path.unlink()
-            return super().load(f"{key} {[getattr(each, 'fields', 0) for each in key[0]]}")
+            data = super().load(f"{key} {[getattr(each, 'fields', 0) for each in key[0]]}")
+            return data if data and str(data[3].args) == str(key[0]) else None  # two saved at once
 
     def save(self, key: Any, data: Any) -> None:
         with contextlib.suppress(OSError):  # such as a full disk
