@@ -99,4 +99,4 @@ def test_imports_of_rooms_that_stay_are_seen():
     """The search can fail."""
     reached = reach(modules_of_systems())
     assert "vtff_control.tracking.sdre" in reached
-    assert any(name.startswith("vtff_nav.relative.paper.") for name in reached)
+    assert any(name.startswith("vtff_nav.relative.cdgps.") for name in reached)

@@ -440,7 +440,7 @@ class RelativeEkfNode(VtffNode):
 
     def warm_up(self) -> None:
         """Have another filter of the same setting process some synthetic epochs."""
-        # Of a lab's class there is one object, and the constructor names what is wrong.
+        # A lab's class is made once, and the constructor names what is wrong.
         if self.plugin.factory.__module__.startswith("vtff_nav."):
             with contextlib.suppress(ValueError):
                 is_in_orbit = self.parameters.dynamics == "orbital"

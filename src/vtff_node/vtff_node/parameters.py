@@ -23,6 +23,8 @@ from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescri
 from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
 from rclpy.parameter import Parameter
 
+from vtff_node.plain_yaml import truth_word_hint
+
 TableT = TypeVar("TableT")
 
 #: ROS wants both limits of a range; these stand for a side that is open.
@@ -39,12 +41,6 @@ _KIND_NAMES = {
     "str": "a text",
     "list[int]": "a list of whole numbers",
     "list[str]": "a list of texts",
-}
-
-#: Truth values of YAML 1.1, which are texts in YAML 1.2, with the word of YAML 1.2.
-OLD_TRUTH_WORDS = {
-    **dict.fromkeys(("y", "yes", "on"), "true"),
-    **dict.fromkeys(("n", "no", "off"), "false"),
 }
 
 #: Stands for "no default": the parameter has to be given.
@@ -93,12 +89,6 @@ def parameter(
     if isinstance(default, list):
         return dataclasses.field(default_factory=lambda: list(default), metadata=metadata)
     return dataclasses.field(default=default, metadata=metadata)
-
-
-def truth_word_hint(value: Any) -> str:
-    """Return the end of an error message for a truth value of YAML 1.1; empty for other values."""
-    word = OLD_TRUTH_WORDS.get(value.lower()) if isinstance(value, str) else None
-    return f"; write {word}" if word else ""
 
 
 def with_default(table: type, name: str, default: Any) -> Any:

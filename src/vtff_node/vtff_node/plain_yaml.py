@@ -27,9 +27,7 @@ from ruamel.yaml.events import (
 from ruamel.yaml.nodes import ScalarNode
 from ruamel.yaml.representer import SafeRepresenter
 
-from vtff_node.parameters import OLD_TRUTH_WORDS
-
-__all__ = ["PlainYamlError", "format_yaml", "parse_yaml"]
+__all__ = ["PlainYamlError", "format_yaml", "parse_yaml", "truth_word_hint"]
 
 #: Levels of lists and mappings within each other that a text may have.
 MAXIMUM_DEPTH = 32
@@ -54,7 +52,18 @@ _FLOAT = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?")
 
 #: Texts that need no quotes, unless they are words of YAML.
 _UNQUOTED_TEXT = re.compile(r"[A-Za-z_/]([A-Za-z0-9_./ -]*[A-Za-z0-9_./-])?")
-_WORDS_OF_YAML = {"null", "true", "false", *OLD_TRUTH_WORDS}
+#: Truth values of YAML 1.1, which are texts in YAML 1.2, with the word of YAML 1.2.
+_OLD_TRUTH_WORDS = {
+    **dict.fromkeys(("y", "yes", "on"), "true"),
+    **dict.fromkeys(("n", "no", "off"), "false"),
+}
+_WORDS_OF_YAML = {"null", "true", "false", *_OLD_TRUTH_WORDS}
+
+
+def truth_word_hint(value: Any) -> str:
+    """Return the end of an error message for a truth value of YAML 1.1; empty for other values."""
+    word = _OLD_TRUTH_WORDS.get(value.lower()) if isinstance(value, str) else None
+    return f"; write {word}" if word else ""
 
 
 class PlainYamlError(ValueError):

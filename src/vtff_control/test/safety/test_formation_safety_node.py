@@ -12,6 +12,7 @@ rclpy = pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
 from geometry_msgs.msg import AccelStamped  # noqa: E402
 from rclpy.parameter import Parameter  # noqa: E402
+from rclpy.serialization import serialize_message  # noqa: E402
 from safety_samples import CHIEF, COVARIANCE, relative  # noqa: E402
 
 from vtff_control.formation_safety_node import FormationSafetyNode  # noqa: E402
@@ -78,7 +79,7 @@ def send(node: FormationSafetyNode, topic: str, message: object, deputy: str = "
     (subscription,) = (
         found for found in node.subscriptions if found.topic_name == f"/{deputy}/{topic}"
     )
-    subscription.callback(message)
+    subscription.callback(serialize_message(message))
 
 
 def fly_second(node: FormationSafetyNode, second: int, values: np.ndarray, t: float = 0.0) -> None:

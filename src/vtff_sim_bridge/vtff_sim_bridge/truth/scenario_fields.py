@@ -14,8 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from vtff_dynamics.vectors import FloatArray
-from vtff_node.parameters import truth_word_hint
-from vtff_node.plain_yaml import PlainYamlError, parse_yaml
+from vtff_node.plain_yaml import PlainYamlError, parse_yaml, truth_word_hint
 
 DEFAULT_HARD_RADIUS = 10.0
 """Distance (m) that no two spacecraft may come within, where the file gives none."""
