@@ -85,9 +85,9 @@ IN_SHORT = (
     Short("receiver bias of a station day", ("station_days", "160 emulated days", 1)),
     Short(
         "`reference`, times real time",
-        ("speed", "`reference`, times real time of the flight", 2),
+        ("speed", "`reference`, times real time", 2),
         None,
-        ("speed", "`reference`, times real time of the flight", 1),
+        ("speed", "`reference`, times real time", 1),
     ),
 )
 ON_THE_PAGE = (
