@@ -203,7 +203,7 @@ class FormationSafetyNode(VtffNode):
         self.create_timer(WATCH_INTERVAL, self._watch, clock=self.steady_clock)
 
     def warm_up(self) -> None:
-        """Have other monitors of the same setting judge a synthetic formation."""
+        """Judge a synthetic formation with other monitors of the same setting."""
         with contextlib.suppress(ValueError):  # which the constructor names
             judge_synthetic_formation(self._setting())
 

@@ -1,4 +1,4 @@
-"""What this process has compiled, or loaded as machine code."""
+"""Count the forms of functions that this process has compiled or loaded."""
 
 from __future__ import annotations
 

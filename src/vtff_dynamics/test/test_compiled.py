@@ -292,7 +292,7 @@ ROOMS = ("vtff_dynamics", "vtff_gnss", "vtff_bag", "vtff_control", "vtff_iono", 
 
 @pytest.mark.parametrize("package_name", [*ROOMS, "vtff_sim_bridge"])
 def test_the_digest_sees_all_that_kernels_use(package_name):
-    """That is globals that the function names itself, and no members of modules of ours."""
+    """A kernel uses globals that it names itself, and no members of modules of ours."""
     root = importlib.import_module(package_name)
     kernels = [
         value

@@ -230,7 +230,7 @@ class IonosphereProcessorNode(VtffNode):
         self.create_timer(LOOK_INTERVAL, self._process_complete, clock=self.steady_clock)
 
     def warm_up(self) -> None:
-        """Have another formation cross a wall of plasma."""
+        """Process the crossing of a plasma wall with another instance."""
         process_synthetic_seconds(FormationIonosphere(formation_settings(self.parameters)))
 
     def _new_formation(self) -> FormationIonosphere:

@@ -29,7 +29,7 @@ _WALL, _BEFORE, _AFTER = 2.0, 20.0, 60.0  # s after the start at which the conte
 
 
 def process_synthetic_seconds(formation: FormationIonosphere) -> None:
-    """Have a formation process some seconds, in which it crosses a wall of plasma.
+    """Process some seconds of a formation that crosses a wall of plasma.
 
     Parameters
     ----------

@@ -202,7 +202,7 @@ class AttitudeEstimatorNode(VtffNode):
             self.subscribe(AccelStamped, "propulsion/thrust_body", self._on_thrust)
 
     def warm_up(self) -> None:
-        """Have another estimator of the same setting take some synthetic samples."""
+        """Process synthetic samples with another estimator of the same setting."""
         with contextlib.suppress(ValueError):  # which the constructor names
             process_synthetic_samples(OnboardAttitudeEstimator(*self._models()))
 

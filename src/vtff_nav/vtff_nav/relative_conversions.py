@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import array
 import math
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_msgs.msg import AmbiguityStatus, LaserRange, RelativeState, SlantTec
 from vtff_nav.relative.common.solution import LaserMeasurement, RelativeSolution
+from vtff_node.conversions.gnss import column_to_array
 from vtff_node.stamps import to_nanoseconds, to_stamp
 
 __all__ = [
@@ -47,15 +45,15 @@ def ambiguities_to_message(solution: RelativeSolution, chief: str, deputy: str) 
     """Return the message of the ambiguities of a solution."""
     table = solution.ambiguities
     message = AmbiguityStatus(
-        system=_column("B", table.system),
-        prn=_column("B", table.prn),
-        band=_column("B", table.band),
-        attribute=_column("B", table.attribute),
-        reference_prn=_column("B", table.reference_prn),
-        ambiguity_cycles=_column("d", table.ambiguity_cycles),
-        ambiguity_sigma_cycles=_column("f", table.ambiguity_sigma_cycles),
-        state=_column("B", table.state),
-        fixed_since=_column("d", [_unix_seconds(time) for time in table.fixed_since]),
+        system=column_to_array("B", table.system),
+        prn=column_to_array("B", table.prn),
+        band=column_to_array("B", table.band),
+        attribute=column_to_array("B", table.attribute),
+        reference_prn=column_to_array("B", table.reference_prn),
+        ambiguity_cycles=column_to_array("d", table.ambiguity_cycles),
+        ambiguity_sigma_cycles=column_to_array("f", table.ambiguity_sigma_cycles),
+        state=column_to_array("B", table.state),
+        fixed_since=column_to_array("d", [_unix_seconds(time) for time in table.fixed_since]),
         ratio=solution.ratio,
         success_rate=solution.success_rate,
         child_frame_id=deputy,
@@ -73,20 +71,20 @@ def differential_tec_to_message(solution: RelativeSolution, chief: str, deputy: 
     unknown = np.full(len(table), math.nan)
     message = SlantTec(
         child_frame_id=deputy,
-        system=_column("B", table.system),
-        prn=_column("B", table.prn),
-        band_first=_column("B", table.band_first),
-        band_second=_column("B", table.band_second),
-        stec_tecu=_column("d", table.stec_tecu),
-        stec_sigma_tecu=_column("f", table.stec_sigma_tecu),
-        stec_code_tecu=_column("d", unknown),
-        vtec_tecu=_column("f", unknown),
-        elevation=_column("f", table.elevation),
-        azimuth=_column("f", table.azimuth),
-        pierce_latitude_deg=_column("f", unknown),
-        pierce_longitude_deg=_column("f", unknown),
-        arc=_column("I", table.arc),
-        rejected=_column("H", np.zeros(len(table))),
+        system=column_to_array("B", table.system),
+        prn=column_to_array("B", table.prn),
+        band_first=column_to_array("B", table.band_first),
+        band_second=column_to_array("B", table.band_second),
+        stec_tecu=column_to_array("d", table.stec_tecu),
+        stec_sigma_tecu=column_to_array("f", table.stec_sigma_tecu),
+        stec_code_tecu=column_to_array("d", unknown),
+        vtec_tecu=column_to_array("f", unknown),
+        elevation=column_to_array("f", table.elevation),
+        azimuth=column_to_array("f", table.azimuth),
+        pierce_latitude_deg=column_to_array("f", unknown),
+        pierce_longitude_deg=column_to_array("f", unknown),
+        arc=column_to_array("I", table.arc),
+        rejected=column_to_array("H", np.zeros(len(table))),
     )
     _set_header(message, solution, chief)
     return message
@@ -108,11 +106,6 @@ def _set_header(
 ) -> None:
     message.header.stamp = to_stamp(solution.time.to_unix_nanoseconds())
     message.header.frame_id = f"{chief}/rtn"
-
-
-def _column(code: str, values: npt.ArrayLike) -> array.array[Any]:
-    """Return numbers as an array of a message, of elements with this type code."""
-    return array.array(code, np.asarray(values, dtype=code).tobytes())
 
 
 def _unix_seconds(time: GpsTime | None) -> float:

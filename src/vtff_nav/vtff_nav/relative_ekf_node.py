@@ -439,7 +439,7 @@ class RelativeEkfNode(VtffNode):
         self.create_timer(JOIN_INTERVAL, self._check_inputs, clock=self.steady_clock)
 
     def warm_up(self) -> None:
-        """Have another filter of the same setting process some synthetic epochs."""
+        """Process synthetic epochs with another filter of the same setting."""
         # A lab's class is made once, and the constructor names what is wrong.
         if self.plugin.factory.__module__.startswith("vtff_nav."):
             with contextlib.suppress(ValueError):

@@ -192,7 +192,7 @@ class OnboardAttitudeEstimator:
 
 
 def process_synthetic_samples(estimator: OnboardAttitudeEstimator) -> None:
-    """Have an estimator take some samples of a field that turns slowly; the first ones compile.
+    """Process samples of a slowly turning field with an estimator; the first ones compile.
 
     Parameters
     ----------

@@ -29,7 +29,7 @@ _EPOCHS, _INTERVAL = 8, 10.0
 def process_synthetic_epochs(
     estimator: RelativeEstimator, *, is_in_orbit: bool = True
 ) -> RelativeSolution:
-    """Have an estimator process some epochs, and return its solution of the last one.
+    """Process synthetic epochs with an estimator, and return its last solution.
 
     Parameters
     ----------

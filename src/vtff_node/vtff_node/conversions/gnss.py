@@ -70,7 +70,7 @@ def observations_to_message(epoch: ObservationEpoch, frame_id: str) -> GnssObser
         if column.dtype != OBSERVATION_COLUMNS[name]:
             expected = np.dtype(OBSERVATION_COLUMNS[name])
             raise TypeError(f"observation column '{name}' is {column.dtype}; it must be {expected}")
-        setattr(message, name, _to_array(column.dtype.char, column))
+        setattr(message, name, column_to_array(column.dtype.char, column))
     return message
 
 
@@ -187,20 +187,20 @@ def ism_slant_tec_to_message(slant_tec: IsmSlantTec, frame_id: str) -> SlantTec:
     """
     unknown = np.full(len(slant_tec.prn), math.nan)
     message = SlantTec(
-        system=_to_array("B", slant_tec.system),
-        prn=_to_array("B", slant_tec.prn),
-        band_first=_to_array("B", slant_tec.band_first),
-        band_second=_to_array("B", slant_tec.band_second),
-        stec_tecu=_to_array("d", slant_tec.stec_tecu),
-        stec_sigma_tecu=_to_array("f", unknown),
-        stec_code_tecu=_to_array("d", unknown),
-        vtec_tecu=_to_array("f", unknown),
-        elevation=_to_array("f", slant_tec.elevation),
-        azimuth=_to_array("f", slant_tec.azimuth),
-        pierce_latitude_deg=_to_array("f", unknown),
-        pierce_longitude_deg=_to_array("f", unknown),
-        arc=_to_array("I", np.zeros(len(unknown))),
-        rejected=_to_array("H", np.zeros(len(unknown))),
+        system=column_to_array("B", slant_tec.system),
+        prn=column_to_array("B", slant_tec.prn),
+        band_first=column_to_array("B", slant_tec.band_first),
+        band_second=column_to_array("B", slant_tec.band_second),
+        stec_tecu=column_to_array("d", slant_tec.stec_tecu),
+        stec_sigma_tecu=column_to_array("f", unknown),
+        stec_code_tecu=column_to_array("d", unknown),
+        vtec_tecu=column_to_array("f", unknown),
+        elevation=column_to_array("f", slant_tec.elevation),
+        azimuth=column_to_array("f", slant_tec.azimuth),
+        pierce_latitude_deg=column_to_array("f", unknown),
+        pierce_longitude_deg=column_to_array("f", unknown),
+        arc=column_to_array("I", np.zeros(len(unknown))),
+        rejected=column_to_array("H", np.zeros(len(unknown))),
     )
     message.header.stamp = to_stamp(slant_tec.time.to_unix_nanoseconds())
     message.header.frame_id = frame_id
@@ -221,26 +221,27 @@ def ism_scintillation_to_message(indices: IsmScintillation, frame_id: str) -> Sc
         sample_rate_hz=ISM_SAMPLE_RATE_HZ,
         phase_cutoff_hz=math.nan,
         roti_interval=math.nan,
-        system=_to_array("B", indices.system),
-        prn=_to_array("B", indices.prn),
-        band=_to_array("B", indices.band),
-        attribute=_to_array("B", indices.attribute),
-        s4=_to_array("f", indices.s4_total),
-        s4_corrected=_to_array("f", np.sqrt(np.maximum(excess, 0.0))),
-        s4_pseudo=_to_array("f", unknown),
-        sigma_phi=_to_array("f", indices.sigma_phi[:, -1]),
-        roti_tecu_per_minute=_to_array("f", unknown),
-        cn0_dbhz=_to_array("f", indices.cn0_dbhz),
-        elevation=_to_array("f", indices.elevation),
-        azimuth=_to_array("f", indices.azimuth),
-        samples=_to_array("I", np.full(len(unknown), ISM_WINDOW * ISM_SAMPLE_RATE_HZ)),
+        system=column_to_array("B", indices.system),
+        prn=column_to_array("B", indices.prn),
+        band=column_to_array("B", indices.band),
+        attribute=column_to_array("B", indices.attribute),
+        s4=column_to_array("f", indices.s4_total),
+        s4_corrected=column_to_array("f", np.sqrt(np.maximum(excess, 0.0))),
+        s4_pseudo=column_to_array("f", unknown),
+        sigma_phi=column_to_array("f", indices.sigma_phi[:, -1]),
+        roti_tecu_per_minute=column_to_array("f", unknown),
+        cn0_dbhz=column_to_array("f", indices.cn0_dbhz),
+        elevation=column_to_array("f", indices.elevation),
+        azimuth=column_to_array("f", indices.azimuth),
+        samples=column_to_array("I", np.full(len(unknown), ISM_WINDOW * ISM_SAMPLE_RATE_HZ)),
     )
     message.header.stamp = to_stamp(indices.time.to_unix_nanoseconds())
     message.header.frame_id = frame_id
     return message
 
 
-def _to_array(kind: str, column: npt.ArrayLike) -> array.array[Any]:
+def column_to_array(kind: str, column: npt.ArrayLike) -> array.array[Any]:
+    """Return numbers as an array of a message, of elements with a type code of `array`."""
     return array.array(kind, np.asarray(column).astype(kind).tobytes())
 
 

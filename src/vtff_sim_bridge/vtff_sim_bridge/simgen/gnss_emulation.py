@@ -178,7 +178,7 @@ def _measure(
 
 
 def measure_synthetic_second(configuration: GnssConfiguration) -> None:
-    """Have another receiver measure for a second: the first one compiles for many seconds."""
+    """Measure a second with another receiver: the first one compiles for many seconds."""
     receiver = dataclasses.replace(configuration.receivers[0], name="synthetic")
     synthetic = dataclasses.replace(
         configuration,
